@@ -307,12 +307,8 @@ class Features:
     """Corners that may become tie points, (n, 2), distorted pixels, sorted by row."""
     descriptors: NDArray[np.uint8]
     """Binary descriptors of the corners, (n, 32)."""
-    sign_points: NDArray[np.float32]
-    """Centres of the regions, (m, 2), distorted pixels."""
     sign_descriptors: NDArray[np.float32]
-    """Their descriptors, (m, 132): SIFT, share of the box, and colour."""
-    sign_rows: NDArray[np.int32]
-    """Rows of the candidates that they are, (m,), ascending."""
+    """Of the m open candidates, (m, 132): SIFT, share of the box, and colour."""
 
     @staticmethod
     def empty() -> "Features":
@@ -320,9 +316,7 @@ class Features:
         return Features(
             np.zeros((0, 2), np.float32),
             np.zeros((0, 32), np.uint8),
-            np.zeros((0, 2), np.float32),
             np.zeros((0, 132), np.float32),
-            np.zeros(0, np.int32),
         )
 
 

@@ -39,7 +39,7 @@ from wayside.schemas.measurement import Measurement
 from wayside.schemas.motion import Motion, PosedDetections, Ties
 from wayside.stages.geometry import distort_points, pair_residual, points_of_second, rays_of_ideal
 from wayside.stages.odometry import root_mean
-from wayside.stages.segmentation import difference_image
+from wayside.stages.segmentation import nearest_centers
 
 RECENT = 60
 """Frames whose path and landmarks stay in view behind the vehicle."""
@@ -131,7 +131,7 @@ def view_segmented(item: Segmentation, stage: str, state: ViewState) -> list[Ent
     if not state.detail or stage != "segment" or item.labels is None or rgb is None:
         return found
     full, (top, bottom) = np.zeros(rgb.shape[:2], np.uint8), item.rows
-    differences = difference_image(rgb[top:bottom], np.rint(item.palette))
+    differences = nearest_centers(rgb[top:bottom], np.rint(item.palette))[1]
     full[top:bottom] = np.minimum(differences, 255)
     found.append(entity(at.DIFFERENCE, rr.Image(full).compress(jpeg_quality=DIFFERENCE_QUALITY)))
     levels = np.linspace(40, 255, max(len(item.difference_levels) + 1, 2)).astype(np.uint8)
@@ -159,14 +159,14 @@ def _halved_labels(
 
 def view_detections(item: Detections, stage: str, state: ViewState) -> list[Entity]:
     """Key points if the stage finds them; else how many candidates are still open, and how many are not."""
+    rows = item.candidates.open_rows()
     if stage in KEYPOINT_PATHS:
         if not item.frame.used:
             return []
         path, ink = KEYPOINT_PATHS[stage]
-        points = item.features.corners if stage == "features" else item.features.sign_points
+        points = item.features.corners if stage == "features" else item.candidates.center[rows]
         return [entity(path, rr.Points2D(points, colors=[ink], radii=THIN))]
-    left = len(item.candidates.open_rows())
-    gates = entity(f"{at.GATES}/{stage}", rr.Scalars([left, len(item.candidates) - left]))
+    gates = entity(f"{at.GATES}/{stage}", rr.Scalars([len(rows), len(item.candidates) - len(rows)]))
     if stage != "shape" or not item.frame.used:
         return [gates]
     return [gates, *outline_entities(item, detail=state.detail)]

@@ -39,10 +39,11 @@ def classify_location(
     if model is not None and model.space != "right_up_m":
         raise ValueError(f"a location model of space {model.space} instead of right_up_m")
 
-    def located(one: Landmark) -> Landmark:
+    def located(one: Landmark, ratio: float) -> Landmark:
         sides = (one.width_m, one.height_m)
+        if one.verdict != "sign":
+            return one
         if model is not None:
-            ratio = float(log_ratios(np.array([[one.right_m, one.above_m]]), model).max())
             if ratio < model.threshold:
                 return replace(one, verdict="location")
             one = replace(one, evidence=(*one.evidence, ("place", ratio)))
@@ -50,7 +51,9 @@ def classify_location(
         return one if plausible else replace(one, verdict="panel_size")
 
     for frame in tracked:
-        landmarks = [located(one) if one.verdict == "sign" else one for one in frame.landmarks]
+        places = np.array([(one.right_m, one.above_m) for one in frame.landmarks]).reshape(-1, 2)
+        ratios = places[:, 0] if model is None else log_ratios(places, model).max(axis=1)
+        landmarks = map(located, frame.landmarks, ratios.tolist())
         yield replace(frame, landmarks=tuple(landmarks))
 
 

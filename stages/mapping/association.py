@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.stages.geometry import pair_midpoint
-from wayside.stages.kernels import Array, compiled
+from wayside.stages.kernels import compiled
+from wayside.stages.mapping.triangulation import projected
 
 NOT_EXPECTED, MISSED, SEEN = 0, 1, 2
 """State of a hypothesis in a frame: outside the image or too small; expected, but without a candidate; seen."""
@@ -175,7 +176,7 @@ def _associate(
     for m in range(hypotheses.point.shape[0]):
         wide, tall = hypotheses.size[m, 0], hypotheses.size[m, 1]
         for n in range(c.rotation.shape[0]):
-            x, y, z = _projected(hypotheses.point[m], c.rotation[n], c.centre[n])
+            x, y, z = projected(hypotheses.point[m], c.rotation[n], c.centre[n])
             if not NEAREST_M < z < FARTHEST_M:
                 continue
             left, top, right, bottom = c.bounds[n]
@@ -210,13 +211,3 @@ def _associate(
             ):
                 found.state[m, n] = MISSED
                 found.value[m] -= MISS_COST
-
-
-@compiled
-def _projected(point: Array, r: Array, centre: Array) -> tuple[float, float, float]:
-    # Ideal image coordinates and depth of a point in a camera of rotation r.
-    a, b, c = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
-    z = r[0, 2] * a + r[1, 2] * b + r[2, 2] * c
-    x = (r[0, 0] * a + r[1, 0] * b + r[2, 0] * c) / z
-    y = (r[0, 1] * a + r[1, 1] * b + r[2, 1] * c) / z
-    return x, y, z

@@ -213,11 +213,12 @@ def mean_log_probabilities(
 
     A view weighs as it is tall, up to `CLEAR_PX`, less where it is cut; none may rule a class out.
     """
-    seen, frames = fit.followed_in(window), [window[k] for k in fit.frames]
+    frames = [window[k] for k in fit.frames]
     tables = [getattr(held.candidates, f"{what}_log_probability") for held in frames]
     views = [k for k, table in enumerate(tables) if table is not None]
     if not views:
         return None
+    seen = fit.followed_in(window)
     odds = np.array([tables[k][seen["candidate"][k]] for k in views], np.float64)
     tall_px = seen["size"][:, 1] * [held.focal for held in frames]
     weight = np.minimum(tall_px, CLEAR_PX) * np.where(seen["whole"], 1.0, CUT_WEIGHT)

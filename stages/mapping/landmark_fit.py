@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.settings import TrackSettings
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, compiled
 from wayside.stages.mapping.association import MISSED, Hypotheses, WindowCandidates, associate
-from wayside.stages.mapping.triangulation import triangulate_views
+from wayside.stages.mapping.triangulation import Views, projected, triangulate
 from wayside.stages.mapping.window import WindowFrame, joined
 
 MAD_TO_SIGMA = 1.4826
@@ -106,8 +106,9 @@ def accept_greedily(
         if fit is None or fit.value <= LEAST_SUM:
             continue
         fits.append(fit)
-        left[candidates.first[fit.frames] + fit.rows] = False
-        again = np.flatnonzero(alive & ((row >= 0) & ~left[row]).any(axis=1))
+        taken = candidates.first[fit.frames] + fit.rows
+        left[taken] = False
+        again = np.flatnonzero(alive & (row[:, fit.frames] == taken).any(axis=1))
         if len(again):
             found = associate(candidates, hypotheses.select(again), left, settings.gap_px)
             row[again], value[again] = found.row, found.value
@@ -131,7 +132,7 @@ def _fit_hypothesis(
         frames = np.flatnonzero(row >= 0)
         if len(frames) < settings.fewest_views:
             return None
-        fit = fit_views(candidates, row[frames].astype(np.int64), frames, box_sigma=box_sigma)
+        fit = fit_views(candidates, row[frames].astype(np.int64), frames, box_sigma)
         if fit is None:
             return None
         if rounds == 0:
@@ -150,55 +151,61 @@ def fit_views(
     candidates: WindowCandidates,
     rows: NDArray[np.int64],
     frames: NDArray[np.int64],
-    *,
     box_sigma: tuple[float, float] = BOX_SIGMA,
-    nearest: int = FITTED_VIEWS,
 ) -> LandmarkFit | None:
     """Point, covariance and metric size from views; None where the rays do not meet ahead.
 
     rows, frames: candidates (v,) of the window and their frames, ascending. box_sigma: scatter of the centres of boxes,
-    as `BOX_SIGMA`. nearest: the point is fitted to so many of the latest views.
+    as `BOX_SIGMA`.
     """
-    c = candidates
-    tall_px = c.size[rows, 1] * c.focal[frames]
-    used = np.zeros(len(rows), bool)
-    used[np.argsort(-frames, kind="stable")[:nearest]] = True
-    own = (box_sigma[0] + box_sigma[1] * tall_px) / c.focal[frames]
-    sigma = np.hypot(own, DRIFT_RAD * np.sqrt(frames.max() - frames))
-    point, covariance = triangulate_views(
-        c.rotation[frames[used]], c.centre[frames[used]], c.ray[rows[used]], sigma[used]
-    )
-    if not np.isfinite(point).all() or not np.isfinite(covariance).all():
+    n = len(rows)
+    point, covariance, metric, spread = np.empty(3), np.empty((3, 3)), np.empty(2), np.empty(2)
+    residual_px, depth, sigma, own = np.empty((4, n))
+    fitted = point, covariance, residual_px, depth, metric, spread, sigma, own
+    if not _fit_views(candidates, rows, frames, box_sigma, fitted):
         return None
-    local = np.einsum("ni,nij->nj", point - c.centre[frames], c.rotation[frames])
-    depth = local[:, 2]
-    if depth.min() < LEAST_M or depth.max() > PARALLEL_M:
-        return None
-    gap = (local[:, :2] / depth[:, None] - c.ray[rows]) * c.focal[frames][:, None]
-    metric, spread = metric_size(c.size[rows] * depth[:, None], depth, c.whole[rows])
-    return LandmarkFit(
-        frames,
-        rows - c.first[frames],
-        used,
-        point,
-        covariance,
-        np.hypot(gap[:, 0], gap[:, 1]),
-        depth,
-        metric,
-        spread,
-        sigma,
-        own,
-    )
+    used = np.arange(n) >= n - FITTED_VIEWS
+    return LandmarkFit(frames, rows - candidates.first[frames], used, *fitted)
 
 
+@compiled
+def _fit_views(
+    c: WindowCandidates,
+    rows: NDArray[np.int64],
+    frames: NDArray[np.int64],
+    box_sigma: tuple[float, float],
+    fitted: tuple[Array, Array, Array, Array, Array, Array, Array, Array],
+) -> bool:
+    """Fill the columns of a `LandmarkFit` from its point on; False where the rays do not meet ahead."""
+    point, covariance, residual_px, depth, metric, spread, sigma, own = fitted
+    for k, f in enumerate(frames):
+        own[k] = (box_sigma[0] + box_sigma[1] * (c.size[rows[k], 1] * c.focal[f])) / c.focal[f]
+        sigma[k] = np.hypot(own[k], DRIFT_RAD * np.sqrt(frames[-1] - f))
+    near, late = rows[-FITTED_VIEWS:], frames[-FITTED_VIEWS:]
+    views = Views(c.rotation[late], c.centre[late], c.ray[near], sigma[-FITTED_VIEWS:])
+    triangulate(views, point, covariance)
+    if not (np.isfinite(point).all() and np.isfinite(covariance).all()):
+        return False
+    for k, f in enumerate(frames):
+        x, y, depth[k] = projected(point, c.rotation[f], c.centre[f])
+        u, v = c.ray[rows[k]]
+        residual_px[k] = np.hypot((x - u) * c.focal[f], (y - v) * c.focal[f])
+    metric[:], spread[:] = metric_size(c.size[rows] * depth.reshape(-1, 1), depth, c.whole[rows])
+    return bool(LEAST_M <= depth.min() and depth.max() <= PARALLEL_M)
+
+
+@compiled
 def metric_size(sizes: Array, depth: Array, whole: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Median width and height (2,) over the nearest views, and their scatter (2,), metres.
 
     Views cut by the edge of the image are left out where others exist.
     """
-    order = np.argsort(depth, kind="stable")
+    order = np.argsort(depth, kind="mergesort")
     best = order[whole[order]]
     near = sizes[(best if len(best) else order)[:SIZE_VIEWS]]
-    middle = np.median(near, axis=0)
-    scatter = MAD_TO_SIGMA * np.median(np.abs(near - middle), axis=0)
-    return middle, np.maximum(scatter, LEAST_SPREAD * middle)
+    middle, scatter = np.empty(2), np.empty(2)
+    for j in range(2):
+        middle[j] = np.median(near[:, j])
+        off = MAD_TO_SIGMA * np.median(np.abs(near[:, j] - middle[j]))
+        scatter[j] = max(off, LEAST_SPREAD * middle[j])
+    return middle, scatter

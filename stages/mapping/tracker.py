@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,11 +95,12 @@ class _Classified(NamedTuple):
     accepted: bool
 
 
-def _in_colour(posed: PosedDetections) -> PosedDetections:
-    """The frame with its image in colour and full size only: three fifths of what the window would hold."""
+def _in_one_size(posed: PosedDetections, grey: bool) -> PosedDetections:
+    """The frame with its image in colour or in grey only, in full size: at most half of what the window would hold."""
     found = posed.detections.segmentation
-    image = replace(found.image, frame=replace(posed.frame, data=b""), grey=None, levels=None)
-    detections = replace(posed.detections, segmentation=replace(found, image=image))
+    frame, unneeded = replace(posed.frame, data=b""), "rgb" if grey else "grey"
+    image = replace(found.image, frame=frame, levels=None, **{unneeded: None})
+    detections = replace(posed.detections, segmentation=replace(found, image=image, labels=None))
     return replace(posed, detections=detections)
 
 
@@ -111,6 +112,8 @@ class WindowSolver(ABC):
     sides: dict[bool, SideClassifiers]
     box_sigma: tuple[float, float]
     reach: int
+    grey: ClassVar = False
+    """Whether images are needed in grey, not in colour."""
 
     def __post_init__(self) -> None:
         """Start without frames."""
@@ -123,7 +126,7 @@ class WindowSolver(ABC):
     def run(self, posed: Iterator[PosedDetections]) -> Iterator[TrackedFrame]:
         """Send frames through the window; each comes out once, in order, when it cannot change any more."""
         waiting: deque[PosedDetections | WindowFrame] = deque()
-        for item in map(_in_colour, posed):
+        for item in (_in_one_size(one, self.grey) for one in posed):
             camera = item.frame.camera
             if item.motion is None or camera is None:
                 waiting.append(item)

@@ -18,7 +18,7 @@ HALVINGS = 10
 """A step that raises the cost is halved so many times at most."""
 
 
-class _Views(NamedTuple):
+class Views(NamedTuple):
     """World from camera (n, 3, 3), camera centres (n, 3), rays (n, 2) and their sigma (n,)."""
 
     rotations: Array
@@ -54,7 +54,7 @@ def triangulate_views(
 
     Raises ValueError where shapes do not fit or a sigma is not positive.
     """
-    views = _Views(
+    views = Views(
         shaped(rotations, (-1, 3, 3)),
         shaped(centres, (-1, 3)),
         shaped(rays, (-1, 2)),
@@ -67,13 +67,15 @@ def triangulate_views(
         )
     if not (views.sigma > 0).all():
         raise ValueError(f"a sigma is not positive: {views.sigma.min()}")
-    point, covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
-    _triangulate(views, point, covariance)
+    point, covariance = np.empty(3), np.empty((3, 3))
+    triangulate(views, point, covariance)
     return point, covariance
 
 
 @compiled
-def _triangulate(views: _Views, point: Array, covariance: Array) -> None:
+def triangulate(views: Views, point: Array, covariance: Array) -> None:
+    """Fill point (3,) and covariance (3, 3), see `triangulate_views`; it checks no shapes."""
+    point[:], covariance[:] = np.nan, np.nan
     normal = _Normal(np.empty((3, 3)), np.empty(3), np.empty(2))
     cost = _start(views, normal, point)
     if not np.isfinite(cost):
@@ -110,7 +112,7 @@ def _triangulate(views: _Views, point: Array, covariance: Array) -> None:
 
 
 @compiled
-def _start(views: _Views, normal: _Normal, best: Array) -> float:
+def _start(views: Views, normal: _Normal, best: Array) -> float:
     # Fills `best` with the midpoint of two views that has the lowest cost over all views; inf where no two meet.
     n = views.rays.shape[0]
     directions = np.empty((n, 3))
@@ -135,7 +137,7 @@ def _start(views: _Views, normal: _Normal, best: Array) -> float:
 
 
 @compiled
-def _linearise(views: _Views, point: Array, normal: _Normal) -> float:
+def _linearise(views: Views, point: Array, normal: _Normal) -> float:
     # The cost, and weighted J'J and -J'r. A view whose camera is behind the point adds a large constant.
     matrix, right, fit = normal
     matrix[:] = 0.0
@@ -144,13 +146,10 @@ def _linearise(views: _Views, point: Array, normal: _Normal) -> float:
     cost, row = 0.0, np.empty((2, 3))
     for k in range(views.rays.shape[0]):
         r, centre, sigma = views.rotations[k], views.centres[k], views.sigma[k]
-        a, b, c = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
-        z = r[0, 2] * a + r[1, 2] * b + r[2, 2] * c
+        x, y, z = projected(point, r, centre)
         if not z > 1e-6:
             cost += np.log1p(1e12)
             continue
-        x = (r[0, 0] * a + r[1, 0] * b + r[2, 0] * c) / z
-        y = (r[0, 1] * a + r[1, 1] * b + r[2, 1] * c) / z
         u, v = x - views.rays[k, 0], y - views.rays[k, 1]
         square = (u * u + v * v) / sigma**2
         cost += np.log1p(min(square / CAUCHY_SIGMAS**2, 1e12))
@@ -166,3 +165,13 @@ def _linearise(views: _Views, point: Array, normal: _Normal) -> float:
             for j in range(3):
                 matrix[i, j] += weight * (row[0, i] * row[0, j] + row[1, i] * row[1, j])
     return cost
+
+
+@compiled
+def projected(point: Array, r: Array, centre: Array) -> tuple[float, float, float]:
+    """Ideal image coordinates and depth of a point in a camera of rotation r."""
+    a, b, c = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
+    z = r[0, 2] * a + r[1, 2] * b + r[2, 2] * c
+    x = (r[0, 0] * a + r[1, 0] * b + r[2, 0] * c) / z
+    y = (r[0, 1] * a + r[1, 1] * b + r[2, 1] * c) / z
+    return x, y, z

@@ -45,13 +45,8 @@ def extract_sift(images: Iterator[Detections]) -> Iterator[Detections]:
     for item in images:
         grey, candidates = item.image.grey, item.candidates
         if grey is not None:
-            rows = candidates.open_rows()
-            features = replace(
-                item.features,
-                sign_points=candidates.center[rows].astype(np.float32),
-                sign_descriptors=describe_regions(grey, candidates.regions.select(rows)),
-                sign_rows=rows.astype(np.int32),
-            )
+            found = describe_regions(grey, candidates.regions.select(candidates.open_rows()))
+            features = replace(item.features, sign_descriptors=found)
             item = replace(item, features=features)
         yield item
 
@@ -174,6 +169,8 @@ def match_segments(
 class _Matcher(WindowSolver):
     """All landmarks that fit are handed on: what they are, the gates decide."""
 
+    grey = True
+
     def append(self, frame: WindowFrame) -> None:
         frame.matches = np.zeros((0, 4), np.float32)
         super().append(frame)
@@ -222,13 +219,13 @@ class _Matcher(WindowSolver):
 
 def _crops(held: WindowFrame, row: int) -> Iterator[Crop]:
     """The pixels around a followed candidate, where the image has pixels."""
-    if held.rgb is not None:
+    image = held.posed.detections.image.grey
+    if image is not None:
         x0, y0, x1, y1 = held.box(row).tolist()
         right, down = MARGIN * (x1 - x0) + MARGIN_PX, MARGIN * (y1 - y0) + MARGIN_PX
         x, y = max(0, int(x0 - right)), max(0, int(y0 - down))
-        part = held.rgb[y : int(y1 + down), x : int(x1 + right)]
-        grey = np.asarray(cv2.cvtColor(part, cv2.COLOR_RGB2GRAY), np.uint8)
-        yield Crop(grey, np.array([x, y], np.float64), held.camera, held.motion)
+        part = image[y : int(y1 + down), x : int(x1 + right)].copy()
+        yield Crop(part, np.array([x, y], np.float64), held.camera, held.motion)
 
 
 @compiled

@@ -7,19 +7,20 @@ precision. The start is k-means++ from a fixed seed, and every machine draws the
 palette, whatever came before it.
 """
 
-from dataclasses import dataclass
 from math import isqrt
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.kernels import compiled, require_array, require_image
+from wayside.stages.kernels import Array, compiled, require_array, require_image
 
 MOST_CENTERS = 256
 """A label image holds bytes."""
 DIFFERENCES = 443
 """Rounded distances between colours: 0 to 442 = round(255 sqrt 3)."""
+ROUNDED = np.arange(DIFFERENCES, dtype=np.uint16)
+"""These distances themselves."""
 SEED = 1
 """Seed of the first start of k-means++; further starts count on."""
 STARTS = 2
@@ -30,26 +31,14 @@ LLOYD_STEPS = 20
 """Lloyd steps of a start at most."""
 SETTLED = 0.5
 """Colour levels: Lloyd steps end when no centre moves further; centres are rounded to whole levels."""
-_ROUNDED = np.arange(DIFFERENCES, dtype=np.uint16)
 _BINS = 64**3
 _CHUNK = 1024
-_WORD = 2**64 - 1
 
-Number = TypeVar("Number", bound=np.integer)
 Floats = NDArray[np.float32]
 
 
-@dataclass(frozen=True, slots=True)
-class ColorBins:
-    """A sample of an image: its pixels (n, 3) uint8 and its bins, `mean` (3, m) float32 and `weight` (m,) float32."""
-
-    pixels: NDArray[np.uint8]
-    mean: Floats
-    weight: Floats
-
-
-def sample_colors(rgb: NDArray[np.uint8], at_least: int) -> ColorBins:
-    """Colours of a regular sample of `at_least` so many pixels, where there are, as pixels and as 6-bit bins.
+def sample_colors(rgb: NDArray[np.uint8], at_least: int) -> NDArray[np.uint8]:
+    """Colours (n, 3) of a regular sample of `at_least` so many pixels, where there are.
 
     `rgb`: image or whole rows of one, (height, width, 3) uint8, C-contiguous. Raises ValueError where it is of another
     type or layout, or empty.
@@ -59,82 +48,47 @@ def sample_colors(rgb: NDArray[np.uint8], at_least: int) -> ColorBins:
     if height * width == 0:
         raise ValueError(f"rgb: an image of {width} x {height} has no pixel")
     step = max(1, min(isqrt(height * width // at_least), height, width))
-    pixels = np.ascontiguousarray(rgb[step // 2 :: step, step // 2 :: step].reshape(-1, 3))
-    code = (pixels.astype(np.int32) >> 2) @ (1 << 12, 1 << 6, 1)
-    first = np.full(_BINS, len(code))
-    np.minimum.at(first, code, np.arange(len(code)))
-    met = np.flatnonzero(first < len(code))
-    number = np.empty(_BINS, np.int64)  # bins in the order in which the sample meets them
-    number[met[np.argsort(first[met])]] = np.arange(len(met))
-    number = number[code]
-    weight = np.bincount(number).astype(np.float32)
-    sums = np.stack([np.bincount(number, channel) for channel in pixels.T])
-    return ColorBins(pixels, (sums * (np.float32(1) / weight)).astype(np.float32), weight)
+    return np.ascontiguousarray(rgb[step // 2 :: step, step // 2 :: step].reshape(-1, 3))
 
 
-def palette(sample: ColorBins, clusters: int) -> NDArray[np.uint8]:
-    """K-means of the sampled colours: whole-numbered centres, darkest first, shape (clusters, 3).
+def palette(sample: NDArray[np.uint8], clusters: int) -> NDArray[np.uint8]:
+    """K-means of sampled colours (n, 3): whole-numbered centres, darkest first, shape (clusters, 3).
 
     Centres repeat where there are fewer colours. Raises ValueError where `clusters` is not from 2 to 256.
     """
     if not 2 <= clusters <= MOST_CENTERS:
         raise ValueError(f"clusters: {clusters} is outside 2 to {MOST_CENTERS}. Set another k.")
-    starts = (_lloyd(sample, _spread_start(sample, clusters, SEED + k)) for k in range(STARTS))
-    _, best = min(starts, key=lambda one: one[0])
-    rounded = np.rint(mean_of_labels(sample.pixels, np.rint(best))).astype(np.uint8)
+    require_array(sample, "sample", np.uint8, (None, 3))
+    sums, weight = np.zeros((3, len(sample))), np.zeros(len(sample), np.float32)
+    used = _fill_bins(sample, sums, weight)
+    mean = (sums[:, :used] * (np.float32(1) / weight[:used])).astype(np.float32)
+    centers, costs = np.empty((STARTS, clusters, 3), np.float32), []
+    for k, start in enumerate(centers):
+        _spread_start(mean, weight[:used], start, SEED + k)
+        costs.append(_settle(mean, weight[:used], start, LLOYD_STEPS))
+    best, weight[:] = np.rint(centers[int(np.argmin(costs))]), 1
+    _settle(sample.T.astype(np.float32, "C"), weight, best, 1)
+    rounded = np.rint(best).astype(np.uint8)
     brightness = rounded.sum(axis=1, dtype=np.int64)
     order = np.lexsort((rounded[:, 2], rounded[:, 1], rounded[:, 0], brightness))
     return np.asarray(rounded[order])
 
 
-def label_both_passes(
-    rgb: NDArray[np.uint8], centers: NDArray[Any], difference_class: NDArray[np.uint8]
-) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Nearest centre of each pixel, and the class of its rounded distance to it: the label images of both passes.
+def nearest_centers(
+    colors: NDArray[np.uint8], centers: NDArray[Any], of_distance: NDArray[Any] = ROUNDED
+) -> tuple[NDArray[np.uint8], NDArray[Any]]:
+    """Nearest centre of each colour, the lower one on a tie, and what stands for its rounded distance to it.
 
-    The distance is the difference image of the report (chapter 2.3).
+    The rounded distances themselves are the difference image of the report (chapter 2.3).
 
-    rgb: image, (height, width, 3) uint8, C-contiguous; whole rows of a larger one may be given. centers (k, 3):
-    whole-numbered colours, k from 1 to 256. difference_class (443,) uint8: class of pass two of each rounded distance.
-
-    Returns labels of pass one (the lower one on a tie) and of pass two, each (height, width) uint8.
+    colors (..., 3): an image or whole rows of one, uint8, C-contiguous. centers (k, 3): whole-numbered colours, k from
+    1 to 256. of_distance (443,): an entry for each rounded distance. Returns labels, uint8, and entries, both (...).
 
     Raises ValueError where an array is of another type, shape or layout.
     """
-    require_image(rgb)
-    require_array(difference_class, "difference_class", np.uint8, (DIFFERENCES,))
-    first, second = _nearest_centers(rgb.reshape(-1, 3), centers, difference_class)
-    return first.reshape(rgb.shape[:2]), second.reshape(rgb.shape[:2])
-
-
-def difference_image(rgb: NDArray[np.uint8], centers: NDArray[Any]) -> NDArray[np.uint16]:
-    """The grey difference image (report chapter 2.3): distance of each pixel to its nearest centre, rounded, 0 to 442.
-
-    `label_both_passes` keeps the class of each of these numbers alone. Arguments and errors are the same.
-    """
-    require_image(rgb)
-    return _nearest_centers(rgb.reshape(-1, 3), centers, _ROUNDED)[1].reshape(rgb.shape[:2])
-
-
-def mean_of_labels(colors: NDArray[np.uint8], centers: NDArray[Any]) -> NDArray[np.float64]:
-    """Mean of the colours (n, 3) nearest to each centre, (k, 3), or the centre itself: one Lloyd step."""
-    label, _ = _nearest_centers(colors, centers, _ROUNDED)
-    k = len(centers)
-    count = np.bincount(label, minlength=k)[:, None]
-    sums = np.stack([np.bincount(label, channel, k) for channel in colors.T], axis=1)
-    return np.where(count > 0, sums / np.maximum(count, 1), np.asarray(centers, np.float64))
-
-
-def difference_histogram(colors: NDArray[np.uint8], centers: NDArray[Any]) -> NDArray[np.int64]:
-    """How many of the colours (n, 3) lie at each rounded distance from their nearest centre: shape (443,)."""
-    return np.bincount(_nearest_centers(colors, centers, _ROUNDED)[1], minlength=DIFFERENCES)
-
-
-def _nearest_centers(
-    colors: NDArray[np.uint8], centers: NDArray[Any], of_distance: NDArray[Number]
-) -> tuple[NDArray[np.uint8], NDArray[Number]]:
-    """Nearest centre of each colour (n, 3), and the entry (443,) of its rounded distance to it."""
-    require_array(colors, "colors", np.uint8, (None, 3))
+    shape = colors.shape[:-1]
+    require_array(colors, "colors", np.uint8, (*shape, 3))
+    require_array(of_distance, "of_distance", of_distance.dtype.type, (DIFFERENCES,))
     whole = np.ascontiguousarray(centers, np.float32)
     if whole.ndim != 2 or whole.shape[1] != 3 or not 1 <= len(whole) <= MOST_CENTERS:
         raise ValueError(
@@ -142,60 +96,88 @@ def _nearest_centers(
         )
     if not np.array_equal(whole, np.clip(np.rint(whole), 0, 255)):
         raise ValueError("centres: not whole numbers from 0 to 255. Round and clip them first.")
-    label, entry = np.empty(len(colors), np.uint8), np.empty(len(colors), of_distance.dtype)
-    _fill_nearest(colors, whole, of_distance, label, entry)
+    label, entry = np.empty(shape, np.uint8), np.empty(shape, of_distance.dtype)
+    _fill_nearest(colors.reshape(-1, 3), whole, of_distance, label.ravel(), entry.ravel())
     return label, entry
 
 
-def _spread_start(sample: ColorBins, clusters: int, seed: int) -> Floats:
+@compiled
+def _fill_bins(pixels: NDArray[np.uint8], sums: Array, weight: Floats) -> int:
+    """Number the bins in the order in which the pixels (n, 3) meet them, and count and add up their colours."""
+    number, used = np.full(_BINS, -1, np.int32), 0
+    for i in range(pixels.shape[0]):
+        r, g, b = np.int64(pixels[i, 0]), np.int64(pixels[i, 1]), np.int64(pixels[i, 2])
+        code = (r >> 2 << 12) + (g >> 2 << 6) + (b >> 2)
+        if number[code] < 0:
+            number[code] = used
+            used += 1
+        weight[number[code]] += np.float32(1)
+        for c in range(3):
+            sums[c, number[code]] += pixels[i, c]
+    return used
+
+
+@compiled
+def _spread_start(mean: Floats, weight: Floats, centers: Floats, seed: int) -> None:
     """Greedy k-means++ (Arthur and Vassilvitskii 2007) on weighted bins, (clusters, 3): the best of some draws each.
 
     The generator (xorshift64) is its own, so that every machine draws the same.
     """
-    mean, weight = sample.mean, sample.weight
-    centers = np.empty((clusters, 3), np.float32)
-    squared, cost = np.full(len(weight), np.inf, np.float32), weight
-    state = (seed * 2 + 1) * 0x9E3779B97F4A7C15 & _WORD
-    for j in range(clusters):
-        total = np.cumsum(cost)
-        targets = []
+    n = weight.size
+    squared, left, best_left = np.empty((3, n), np.float32)
+    squared[:] = np.float32(np.inf)
+    total = np.cumsum(weight)
+    state = np.uint64(seed * 2 + 1) * np.uint64(0x9E3779B97F4A7C15)
+    for j in range(centers.shape[0]):
+        least = np.inf
         for _ in range(TRIALS if j else 1):
-            state ^= state << 13 & _WORD
-            state ^= state >> 7
-            state ^= state << 17 & _WORD
-            targets.append((state >> 11) / 2**53 * float(total[-1]))
-        tried = np.minimum(np.searchsorted(total, targets), len(weight) - 1)
-        red, green, blue = (mean[:, None] - mean[:, tried, None]) ** 2
-        left = np.minimum(red + green + blue, squared)
-        best = int(np.argmin((weight * left).sum(axis=1, dtype=np.float64)))
-        drawn, squared = tried[best], left[best]
-        centers[j], cost = mean[:, drawn], weight * squared
-    return centers
+            state ^= state << np.uint64(13)
+            state ^= state >> np.uint64(7)
+            state ^= state << np.uint64(17)
+            target = np.float64(state >> np.uint64(11)) / 2.0**53 * total[n - 1]
+            drawn, cost = min(np.searchsorted(total, target), n - 1), 0.0
+            red, green, blue = mean[0, drawn], mean[1, drawn], mean[2, drawn]
+            for i in range(n):
+                r, g, b = mean[0, i] - red, mean[1, i] - green, mean[2, i] - blue
+                left[i] = min(r * r + g * g + b * b, squared[i])
+                cost += weight[i] * left[i]
+            if cost < least:
+                least = cost
+                left, best_left = best_left, left
+                centers[j] = mean[:, drawn]
+        squared, best_left = best_left, squared
+        total = np.cumsum(weight * squared)
 
 
-def _lloyd(sample: ColorBins, centers: Floats) -> tuple[float, Floats]:
-    """Move centres (k, 3) to the means of their bins until they settle: weighted sum of squared distances, centres.
+@compiled
+def _settle(colors: Floats, weight: Floats, centers: Floats, steps: int) -> float:
+    """Move centres (k, 3) to the means of their colours (3, n) until they settle: weighted sum of squared distances.
 
-    A centre without bins moves to the bin that costs most.
+    A centre without colours moves to the colour that costs most, where it costs anything.
     """
-    mean, weight, k = sample.mean, sample.weight, len(centers)
-    label, squared = np.zeros(len(weight), np.int32), np.empty(len(weight), np.float32)
-    for _ in range(LLOYD_STEPS):
-        _nearest(mean, centers, label, squared)
-        count = np.bincount(label, weight, k)
-        sums = np.stack([np.bincount(label, weight * channel, k) for channel in mean], axis=1)
-        used = count > 0
-        new = sums[used] / count[used, None]
-        moved = float(((new - centers[used]) ** 2).sum(axis=1).max())
-        centers[used] = new
-        for j in np.flatnonzero(~used):
-            worst = int(np.argmax(weight * squared))
+    n, k = weight.size, centers.shape[0]
+    label, squared = np.zeros(n, np.int32), np.empty(n, np.float32)
+    for _ in range(steps):
+        _nearest(colors, centers, label, squared)
+        sums, moved = np.zeros((k, 4)), 0.0
+        for i in range(n):
+            own = sums[label[i]]
+            for c in range(3):
+                own[c] += weight[i] * colors[c, i]
+            own[3] += weight[i]
+        for j in range(k):
+            if sums[j, 3] > 0:
+                new = sums[j, :3] / sums[j, 3]
+                moved = max(moved, ((new - centers[j]) ** 2).sum())
+                centers[j] = new
+                continue
+            worst = np.argmax(weight * squared)
             if squared[worst] > 0:
-                centers[j], squared[worst], moved = mean[:, worst], 0, np.inf
+                centers[j], squared[worst], moved = colors[:, worst], 0, np.inf
         if moved <= SETTLED * SETTLED:
             break
-    _nearest(mean, centers, label, squared)
-    return float((weight * squared).sum(dtype=np.float64)), centers
+    _nearest(colors, centers, label, squared)
+    return float((weight * squared).astype(np.float64).sum())
 
 
 @compiled
@@ -222,9 +204,9 @@ def _nearest(
 def _fill_nearest(
     colors: NDArray[np.uint8],
     centers: Floats,
-    of_distance: NDArray[Number],
+    of_distance: NDArray[Any],
     label: NDArray[np.uint8],
-    entry: NDArray[Number],
+    entry: NDArray[Any],
 ) -> None:
     planes, squared = np.empty((3, _CHUNK), np.float32), np.empty(_CHUNK, np.float32)
     nearest = np.empty(_CHUNK, np.int32)
@@ -235,6 +217,10 @@ def _fill_nearest(
                 planes[c, x] = np.float32(part[x, c])
         # a rest of the last chunk is measured once more, and not read
         _nearest(planes, centers, nearest, squared)
-        for x in range(part.shape[0]):
-            label[start + x] = nearest[x]
-            entry[start + x] = of_distance[np.int32(np.sqrt(squared[x]) + np.float32(0.5))]
+        own, entries = label[start : start + _CHUNK], entry[start : start + _CHUNK]
+        for x in range(own.size):  # a loop for each step runs in vector registers
+            own[x] = nearest[x]
+        for x in range(_CHUNK):
+            nearest[x] = np.int32(np.sqrt(squared[x]) + np.float32(0.5))
+        for x in range(own.size):
+            entries[x] = of_distance[nearest[x]]

@@ -14,8 +14,7 @@ from wayside.schemas.settings import GateSettings, SegmentSettings
 from wayside.stages.kernels import compiled, require_array
 from wayside.stages.segmentation.palette import (
     DIFFERENCES,
-    difference_histogram,
-    label_both_passes,
+    nearest_centers,
     palette,
     sample_colors,
 )
@@ -92,15 +91,14 @@ def _segment_rows(
     gate: GateSettings,
 ) -> Segmentation:
     band = rgb[rows[0] : rows[1]]
-    sample = sample_colors(band, SAMPLE_PX)
+    sample = sample_colors(rgb, SAMPLE_PX)
     centers = palette(sample, settings.clusters)
-    breaks = optimal_breaks(
-        difference_histogram(sample.pixels, centers), settings.difference_clusters
-    )
+    counts = np.bincount(nearest_centers(sample, centers)[1], minlength=DIFFERENCES)
+    breaks = optimal_breaks(counts, settings.difference_clusters)
     # The lower half is noise around the colours of pass one: one class. Larger k cut faces into pieces.
     breaks[: settings.difference_clusters // 2 + 1] = 0
     class_of = np.searchsorted(breaks[1:], np.arange(DIFFERENCES), side="right").astype(np.uint8)
-    labels = label_both_passes(band, centers, class_of)
+    labels = nearest_centers(band, centers, class_of)
     table, count = _regions_of(labels, band, rows[0], gate)
     return Segmentation(
         image,
@@ -175,7 +173,7 @@ def connected_regions(
     require_array(rgb, "rgb", np.uint8, (height, width, 3))
     if labels.size == 0:
         return Regions.empty(), 0
-    end, parent, area = np.zeros((3, labels.size), np.int32)
+    end, parent, area = np.empty((3, labels.size), np.int32)
     count = _join_runs(labels, end, parent, area)
     area = area[:count]
     kept = np.flatnonzero((area >= gate.smallest_px) & (area <= gate.largest_px))
@@ -218,7 +216,7 @@ def _join_runs(
         end[n], label[n] = (y + 1) * width, before
         n += 1
         for i in range(first, n):
-            parent[i] = i
+            parent[i], area[i] = i, 0
         i, j, pairs = upper_first, first, 0
         while y > 0 and j < n:
             above[pairs], below[pairs] = i, j

@@ -86,10 +86,7 @@ def moved_frame(index, panels, *, used=True, step=0):
     # A descriptor for each panel: the same in every frame.
     codes = np.random.default_rng(5).random((len(panels), 132)).astype(np.float32)
     which = [panels.index(p) for p, _ in seen]
-    features = Features(
-        *(np.zeros((0, 2), np.float32), np.zeros((0, 32), np.uint8), np.zeros((n, 2), np.float32)),
-        *(codes[which].reshape(-1, 132), np.arange(n, dtype=np.int32)),
-    )
+    features = replace(Features.empty(), sign_descriptors=codes[which].reshape(-1, 132))
     segmentation = replace(unsegmented(Image(frame, None, None)), region_count=n, rows=(0, 1200))
     detections = Detections(segmentation, table, features)
     motion = made_motion(step, np.diag(STEP_SIGMA) ** 2, camera_height_m=1.6)

@@ -57,5 +57,5 @@ def test_the_size_is_the_median_of_the_nearest_whole_views():
 
 
 def test_nearly_parallel_rays_make_no_landmark():
-    candidates = window(standing([(3.5, -1.0, 5e6, 1e5, 1e5, 1.0)], FRAMES))
-    assert fit_views(candidates, np.arange(FRAMES), np.arange(FRAMES), nearest=2) is None
+    candidates = window(standing([(3.5, -1.0, 5e6, 1e5, 1e5, 1.0)], 2))
+    assert fit_views(candidates, np.arange(2), np.arange(2)) is None

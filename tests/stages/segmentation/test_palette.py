@@ -9,10 +9,7 @@ from hypothesis.extra.numpy import arrays
 
 from wayside.stages.segmentation.palette import (
     DIFFERENCES,
-    difference_histogram,
-    difference_image,
-    label_both_passes,
-    mean_of_labels,
+    nearest_centers,
     palette,
     sample_colors,
 )
@@ -93,30 +90,14 @@ palettes = st.sampled_from([1, 3, 15, 16, 17, 31, 33, 256]).flatmap(
 
 @given(images, palettes)
 @example(np.array([[[0] * 3, [255] * 3]], np.uint8), np.zeros((1, 3), np.uint8))  # the farthest
+@example(scene(), scene()[::9, 7])  # more colours than one chunk
 def test_labels_differences_and_their_classes_are_those_of_a_plain_argmin(rgb, centers):
     table = (np.arange(DIFFERENCES) * 7 % 11).astype(np.uint8)
-    labels, classes = label_both_passes(rgb, centers, table)
+    labels, classes = nearest_centers(rgb, centers, table)
     wanted_labels, wanted_differences = plain(rgb, centers)
     np.testing.assert_array_equal(labels, wanted_labels)
     np.testing.assert_array_equal(classes, table[wanted_differences])
-    np.testing.assert_array_equal(difference_image(rgb, centers), wanted_differences)
-
-
-def test_means_and_histogram_cover_more_colours_than_one_chunk():
-    rng = np.random.default_rng(1)
-    sample = rng.integers(0, 256, (5000, 3), dtype=np.uint8)
-    centers = rng.integers(0, 256, (9, 3))
-    labels, differences = plain(sample, centers)
-    means = [sample[labels == j].mean(axis=0) for j in range(9)]
-    np.testing.assert_allclose(mean_of_labels(sample, centers), means)
-    np.testing.assert_array_equal(
-        difference_histogram(sample, centers), np.bincount(differences, minlength=DIFFERENCES)
-    )
-
-
-def test_a_centre_without_colours_stays_where_it_is():
-    centers = np.array([[7, 7, 7], [200, 1, 2]])
-    np.testing.assert_array_equal(mean_of_labels(np.full((10, 3), 7, np.uint8), centers), centers)
+    np.testing.assert_array_equal(nearest_centers(rgb, centers)[1], wanted_differences)
 
 
 ONE_PIXEL, TWO_CENTRES = np.zeros((1, 1, 3), np.uint8), np.zeros((2, 3))
@@ -127,7 +108,7 @@ ONE_PIXEL, TWO_CENTRES = np.zeros((1, 1, 3), np.uint8), np.zeros((2, 3))
     [
         (np.zeros((4, 8, 3), np.uint8)[:, ::2], TWO_CENTRES, "C-contiguous"),
         (np.zeros((4, 8, 3), np.float32), TWO_CENTRES, "uint8"),
-        (np.zeros((4, 8), np.uint8), TWO_CENTRES, "any x any x 3"),
+        (np.zeros((4, 8), np.uint8), TWO_CENTRES, "instead of 4 x 3"),
         (ONE_PIXEL, np.zeros((257, 3)), "centres: .*instead of"),
         (ONE_PIXEL, np.zeros((0, 3)), "centres: .*instead of"),
         (ONE_PIXEL, np.full((2, 3), 0.5), "centres: not whole"),
@@ -136,4 +117,4 @@ ONE_PIXEL, TWO_CENTRES = np.zeros((1, 1, 3), np.uint8), np.zeros((2, 3))
 )
 def test_other_arrays_are_refused(rgb, centers, message):
     with pytest.raises(ValueError, match=message):
-        difference_image(rgb, centers)
+        nearest_centers(rgb, centers)
