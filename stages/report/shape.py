@@ -2,10 +2,14 @@
 
 An outline is the convex hull of the middles of the pixel edges of a region. Faces of signs are convex (all but
 crossbucks), so a legend or a border that cuts into the region does not count, nor do holes.
+
+Signs stand upright, and a turned panel looks narrower. So outlines are scaled to one width and height, and descriptors
+keep their phases: a square is no diamond, a wide rectangle has the corners of a square.
 """
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,17 +22,30 @@ from wayside.stages.kernels import Array, require_array
 
 SAMPLES = 64
 """Points at equal steps of arc length that stand for an outline."""
-TERMS = (-1, 2, -2, 3, -3, -4)
-"""Terms behind the six descriptors. The report says "magnitude of upper terms / first term" and gives no list.
+TERMS = (-1, 2, -2, 3, -3, -4, -5, -7)
+"""Terms behind the descriptors. The report says "magnitude of upper terms / first term" and gives no list.
 
-These are the six lowest at which the outlines of signs differ: a regular n-gon has term 1-n as its first upper one
-(triangle -2, square -3, pentagon -4), an elongated outline has -1, one without symmetry has 2 and 3.
+A regular n-gon has term 1-n as its first upper one (triangle -2, square -3, pentagon -4, octagon -7); an oblique
+outline has -1, one without symmetry has 2 and 3.
 """
+DESCRIPTORS = 2 * len(TERMS) + 3
 _EDGES = np.array([[-0.5, 0], [0.5, 0], [0, -0.5], [0, 0.5]], np.float32)  # from a pixel's centre
 
 
-def trace_region(labels: NDArray[np.uint8], box: NDArray[np.int64]) -> Array | None:
-    """Outline (n, 2) of the region that fills a box, in order; None where none does."""
+class Outlines(NamedTuple):
+    """Outlines of n regions; nan where there is none."""
+
+    points: NDArray[np.complex128]
+    """(n, `SAMPLES`), u + iv in pixels of the label image, clockwise as seen."""
+    filled: NDArray[np.float64]
+    """Shares (n, 2) of their area that the pixels of the region fill, without and with its holes: a face has a high
+    one, a frame or a line only with its holes."""
+
+
+def trace_region(
+    labels: NDArray[np.uint8], box: NDArray[np.int64]
+) -> tuple[Array, list[float]] | None:
+    """Outline (m, 2) of the region that fills a box, in order, and its `Outlines.filled`; None where none does."""
     left, top, right, bottom = box
     if not (0 <= left < right <= labels.shape[1] and 0 <= top < bottom <= labels.shape[0]):
         return None
@@ -41,9 +58,13 @@ def trace_region(labels: NDArray[np.uint8], box: NDArray[np.int64]) -> Array | N
         )
         filling = np.flatnonzero((found[1:, :4] == wanted).all(axis=1))
         if len(filling):
-            pixels = np.argwhere(parts == 1 + filling[0])[:, ::-1] + (x, y)
+            own = np.pad((parts == 1 + filling[0]).astype(np.uint8), 1)
+            pixels = np.argwhere(own)[:, ::-1] + (x - 1, y - 1)
             middles = cv2.convexHull(pixels.astype(np.float32)) + _EDGES
-            return np.asarray(cv2.convexHull(middles.reshape(-1, 2))[:, 0])
+            hull = np.asarray(cv2.convexHull(middles.reshape(-1, 2))[:, 0])
+            cv2.floodFill(own, None, (0, 0), (2,))
+            areas = len(pixels), np.count_nonzero(own != 2)
+            return hull, [area / cv2.contourArea(hull) for area in areas]
     return None
 
 
@@ -58,15 +79,22 @@ def resample_outline(outline: Array) -> NDArray[np.complex128]:
     return np.asarray(u + 1j * v, np.complex128)
 
 
-def fourier_descriptors(sequences: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Six descriptors |Z_k| / |Z_1| of each sequence, k in `TERMS`: (n, samples) to (n, 6).
+def fourier_descriptors(outlines: Outlines) -> NDArray[np.float64]:
+    """Descriptors (n, `DESCRIPTORS`) of outlines: Z_k / |Z_1| for k in `TERMS`, their proportions, and `filled`.
 
-    A shift changes only Z_0, a scale multiplies all terms alike, a rotation or another start point changes phases only,
-    so none of them changes a descriptor (report chapter 4). Degenerate outlines give rows that are not finite.
+    The first are real and imaginary parts, of an outline of width and height 1 that starts where the phase of Z_1 is 0.
+    A shift changes only Z_0, and another scale or start point nothing (report chapter 4). The proportions are the
+    logarithm of width by height. nan for those without an outline.
     """
-    magnitude = np.abs(np.fft.fft(sequences, axis=-1) / sequences.shape[-1])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(magnitude[:, TERMS] / magnitude[:, 1:2])
+    sides = [np.ptp(part, axis=1) for part in (outlines.points.real, outlines.points.imag)]
+    scaled = np.full_like(outlines.points, complex(np.nan, np.nan))
+    for i in np.flatnonzero(np.isfinite(sides[0])):
+        points = np.stack([outlines.points[i].real, outlines.points[i].imag], axis=1)
+        scaled[i] = resample_outline(points / [sides[0][i], sides[1][i]])
+    spectrum = np.fft.fft(scaled, axis=-1)
+    first = spectrum[:, 1:2]
+    terms = spectrum[:, TERMS] / np.abs(first) * np.exp(-1j * np.angle(first) * np.array(TERMS))
+    return np.column_stack([terms.real, terms.imag, np.log(sides[0] / sides[1]), outlines.filled])
 
 
 _PASSES = (SOURCES.index("pass1"), SOURCES.index("pass2"))
@@ -75,7 +103,7 @@ _PASSES = (SOURCES.index("pass1"), SOURCES.index("pass2"))
 def classify_shape(
     detections: Iterator[Detections], *, model: GaussianModel
 ) -> Iterator[Detections]:
-    """Give the open candidates the shape class of their outline by Mahalanobis distance, in space "fourier6".
+    """Give the open candidates the shape class of their outline by Mahalanobis distance, in space "fourier8".
 
     The outline is traced on the region's own pixels in the label image of its pass. A candidate without an accepted
     shape gets the verdict `shape`.
@@ -83,7 +111,9 @@ def classify_shape(
     for one in detections:
         candidates = one.candidates
         rows = candidates.open_rows()
-        features = region_descriptors(one.segmentation, candidates.regions.select(rows))
+        features = fourier_descriptors(
+            outlines_of(one.segmentation, candidates.regions.select(rows))
+        )
         shape, distance = candidates.shape.copy(), candidates.shape_distance.copy()
         shape[rows], distance[rows], ratio = nearest_class(features, model, SHAPES)
         named = replace(candidates, shape=shape, shape_distance=distance)
@@ -92,25 +122,20 @@ def classify_shape(
         )
 
 
-def region_descriptors(segmentation: Segmentation, regions: Regions) -> NDArray[np.float64]:
-    """Fourier descriptors (n, 6) of the outlines of regions in the label images, nan without an outline."""
-    return fourier_descriptors(outlines_of(segmentation, regions))
+def outlines_of(segmentation: Segmentation, regions: Regions) -> Outlines:
+    """Outlines of regions that fill their boxes exactly.
 
-
-def outlines_of(segmentation: Segmentation, regions: Regions) -> NDArray[np.complex128]:
-    """Resampled outlines (n, SAMPLES), u + iv in pixels of the label image, of regions that fill their boxes exactly.
-
-    Clockwise as seen; nan without an outline. Regions are those of equal label (4 neighbours). No two fill the same
-    box: where both touched all four sides they would have to cross. Raises ValueError where a label image is of another
-    type or shape.
+    Regions are those of equal label (4 neighbours). No two fill the same box: where both touched all four sides they
+    would have to cross. Raises ValueError where a label image is of another type or shape.
     """
-    sequences = np.full((len(regions), SAMPLES), complex(np.nan, np.nan))
+    points = np.full((len(regions), SAMPLES), complex(np.nan, np.nan))
+    filled = np.full((len(regions), 2), np.nan)
     top = segmentation.rows[0]
     boxes = np.rint(regions.box - [0, top, 0, top]).astype(np.int64)
     for source, labels in zip(_PASSES, segmentation.labels or (), strict=False):
         require_array(labels, "labels", np.uint8, (None, None))
         for i in np.flatnonzero(regions.source == source):
-            outline = trace_region(labels, boxes[i])
-            if outline is not None:
-                sequences[i] = resample_outline(outline)
-    return sequences
+            traced = trace_region(labels, boxes[i])
+            if traced is not None:
+                points[i], filled[i] = resample_outline(traced[0]), traced[1]
+    return Outlines(points, filled)
