@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import SHAPES, SOURCES, Detections, Regions, Segmentation
+from wayside.schemas.detections import SHAPES, Detections, Regions, Segmentation
 from wayside.schemas.models import GaussianModel
 from wayside.stages.classifiers import nearest_class
-from wayside.stages.kernels import Array, require_array
+from wayside.stages.kernels import Array
 
 SAMPLES = 64
 """Points at equal steps of arc length that stand for an outline."""
@@ -42,13 +42,9 @@ class Outlines(NamedTuple):
     one, a frame or a line only with its holes."""
 
 
-def trace_region(
-    labels: NDArray[np.uint8], box: NDArray[np.int64]
-) -> tuple[Array, list[float]] | None:
-    """Outline (m, 2) of the region that fills a box, in order, and its `Outlines.filled`; None where none does."""
+def trace_region(labels: NDArray[np.uint8], box: NDArray[np.int64]) -> tuple[Array, list[float]]:
+    """Outline (m, 2), clockwise as seen, of the region that fills a box, and its `Outlines.filled`."""
     left, top, right, bottom = box
-    if not (0 <= left < right <= labels.shape[1] and 0 <= top < bottom <= labels.shape[0]):
-        return None
     x, y = max(left - 1, 0), max(top - 1, 0)
     around = labels[y : bottom + 1, x : right + 1]  # what leaves the box does not fill it
     wanted = (left - x, top - y, right - left, bottom - top)
@@ -58,20 +54,18 @@ def trace_region(
         )
         filling = np.flatnonzero((found[1:, :4] == wanted).all(axis=1))
         if len(filling):
-            own = np.pad((parts == 1 + filling[0]).astype(np.uint8), 1)
-            pixels = np.argwhere(own)[:, ::-1] + (x - 1, y - 1)
-            middles = cv2.convexHull(pixels.astype(np.float32)) + _EDGES
-            hull = np.asarray(cv2.convexHull(middles.reshape(-1, 2))[:, 0])
-            cv2.floodFill(own, None, (0, 0), (2,))
-            areas = len(pixels), np.count_nonzero(own != 2)
-            return hull, [area / cv2.contourArea(hull) for area in areas]
-    return None
+            break
+    own = np.pad((parts == 1 + filling[0]).astype(np.uint8), 1)
+    pixels = np.argwhere(own)[:, ::-1] + (x - 1, y - 1)
+    middles = cv2.convexHull(pixels.astype(np.float32)) + _EDGES
+    hull = np.asarray(cv2.convexHull(middles.reshape(-1, 2))[:, 0])
+    cv2.floodFill(own, None, (0, 0), (2,))
+    areas = len(pixels), np.count_nonzero(own != 2)
+    return hull, [area / cv2.contourArea(hull) for area in areas]
 
 
 def resample_outline(outline: Array) -> NDArray[np.complex128]:
-    """Points (`SAMPLES`,) at equal steps along the closed polygon (n, 2), clockwise as seen (v points down)."""
-    if cv2.contourArea(outline.astype(np.float32), oriented=True) < 0:
-        outline = outline[::-1]
+    """Points (`SAMPLES`,) at equal steps along the closed polygon (n, 2), in its direction."""
     closed = np.concatenate([outline, outline[:1]])
     passed = np.concatenate([[0.0], np.hypot(*np.diff(closed, axis=0).T).cumsum()])
     at = np.arange(SAMPLES) * passed[-1] / SAMPLES
@@ -97,9 +91,6 @@ def fourier_descriptors(outlines: Outlines) -> NDArray[np.float64]:
     return np.column_stack([terms.real, terms.imag, np.log(sides[0] / sides[1]), outlines.filled])
 
 
-_PASSES = (SOURCES.index("pass1"), SOURCES.index("pass2"))
-
-
 def classify_shape(
     detections: Iterator[Detections], *, model: GaussianModel
 ) -> Iterator[Detections]:
@@ -123,19 +114,16 @@ def classify_shape(
 
 
 def outlines_of(segmentation: Segmentation, regions: Regions) -> Outlines:
-    """Outlines of regions that fill their boxes exactly.
+    """Outlines of regions of equal label (4 neighbours), which fill their boxes.
 
-    Regions are those of equal label (4 neighbours). No two fill the same box: where both touched all four sides they
-    would have to cross. Raises ValueError where a label image is of another type or shape.
+    No two fill the same box: where both touched all four sides they would have to cross.
     """
     points = np.full((len(regions), SAMPLES), complex(np.nan, np.nan))
     filled = np.full((len(regions), 2), np.nan)
     top = segmentation.rows[0]
     boxes = np.rint(regions.box - [0, top, 0, top]).astype(np.int64)
-    for source, labels in zip(_PASSES, segmentation.labels or (), strict=False):
-        require_array(labels, "labels", np.uint8, (None, None))
+    for source, labels in enumerate(segmentation.labels or ()):  # pass one and two, as in `SOURCES`
         for i in np.flatnonzero(regions.source == source):
-            traced = trace_region(labels, boxes[i])
-            if traced is not None:
-                points[i], filled[i] = resample_outline(traced[0]), traced[1]
+            hull, filled[i] = trace_region(labels, boxes[i])
+            points[i] = resample_outline(hull)
     return Outlines(points, filled)

@@ -46,15 +46,10 @@ HOUSE = np.array([[0.0, 30], [0, 12], [15, 0], [30, 12], [30, 30]])
     st.sampled_from([HOUSE, polygon(3), polygon(4), polygon(8), HOUSE * [3, 1]]),
     st.tuples(st.floats(0.1, 50), st.floats(0.7, 1.4)),
     st.integers(0, 7),
-    st.booleans(),
 )
-def test_descriptors_ignore_scale_place_and_start_and_know_proportions(
-    outline, scale, start, backwards
-):
+def test_descriptors_ignore_scale_place_and_start_and_know_proportions(outline, scale, start):
     size, wider = scale
     moved = np.roll(outline, start, axis=0) * [size * wider, size] + [300, -40]
-    if backwards:
-        moved = moved[::-1]
     features = shape_features(outline)
     features[2 * len(TERMS)] += np.log(wider)
     # Samples of the other lie between those of one and cut its corners elsewhere, hence not exactly.
@@ -79,9 +74,8 @@ def test_every_region_is_traced_by_its_box_alone(labels):
     for label in np.unique(labels):
         parts, _ = ndimage.label(labels == label)
         for number, (ys, xs) in enumerate(ndimage.find_objects(parts), start=1):
-            traced = trace_region(labels, np.array([xs.start, ys.start, xs.stop, ys.stop]))
-            assert traced is not None
-            outline, filled = traced
+            box = np.array([xs.start, ys.start, xs.stop, ys.stop])
+            outline, filled = trace_region(labels, box)
             middles = [
                 (x + dx / 2, y + dy / 2)
                 for y, x in np.argwhere(parts == number).tolist()
@@ -91,22 +85,6 @@ def test_every_region_is_traced_by_its_box_alone(labels):
             assert {tuple(p) for p in outline.tolist()} >= {middles[i] for i in hull.vertices}
             areas = [(parts == number).sum(), ndimage.binary_fill_holes(parts == number).sum()]
             assert np.array(filled) * hull.volume == pytest.approx(areas, rel=1e-5)
-
-
-def test_a_legend_that_cuts_into_a_face_leaves_its_outline():
-    labels = np.zeros((40, 60), np.uint8)
-    labels[5:35, 5:55] = 1
-    whole, _ = trace_region(labels, np.array([5, 5, 55, 35]))
-    labels[5:28, 20:24] = labels[12:20, 40:55] = labels[10:30, 28:30] = 0
-    np.testing.assert_array_equal(trace_region(labels, np.array([5, 5, 55, 35]))[0], whole)
-
-
-def test_a_box_that_no_region_fills_has_no_outline():
-    labels = np.zeros((9, 9), np.uint8)
-    labels[2:5, 3:8] = 1
-    smaller_or_lower = (3, 2, 7, 5), (2, 2, 8, 5), (3, 2, 8, 6), (4, 4, 4, 6)
-    for box in (*smaller_or_lower, (-1, 0, 5, 5), (0, 0, 99, 9)):
-        assert trace_region(labels, np.array(box)) is None
 
 
 OUTLINES = {
