@@ -30,11 +30,7 @@ PIXEL_CENTRE = 0.5
 """Where the viewer has the centre of the first pixel, which is 0 elsewhere."""
 MANY, MOST_WORDS = ("size", "color"), 100
 """Verdicts of thousands of regions: their boxes are detail. Words for more boxes than this are not made."""
-CURVES: dict[str, tuple[int, ...]] = {
-    "circle": (1,),
-    "ellipse": (1, -1),
-    "six_terms": (1, *TERMS[:6]),
-}
+CURVES = {"circle": (1,), "ellipse": (1, -1), "six_terms": (1, *TERMS[:6])}
 """Fourier terms beside the mean that each curve is made of: one is a circle, with its conjugate an ellipse."""
 INKS = {
     "traced": (255, 255, 255),

@@ -3,8 +3,8 @@
 An outline is the convex hull of the middles of the pixel edges of a region. Faces of signs are convex (all but
 crossbucks), so a legend or a border that cuts into the region does not count, nor do holes.
 
-Signs stand upright, and a turned panel looks narrower. So outlines are scaled to one width and height, and descriptors
-keep their phases: a square is no diamond, a wide rectangle has the corners of a square.
+Signs stand upright, and a turned panel looks narrower. So outlines are scaled to one width and height, and terms keep
+their phases: a square is no diamond, a wide rectangle has the corners of a square.
 """
 
 from collections.abc import Iterator
@@ -64,13 +64,12 @@ def trace_region(labels: NDArray[np.uint8], box: NDArray[np.int64]) -> tuple[Arr
     return hull, [area / cv2.contourArea(hull) for area in areas]
 
 
-def resample_outline(outline: Array) -> NDArray[np.complex128]:
-    """Points (`SAMPLES`,) at equal steps along the closed polygon (n, 2), in its direction."""
-    closed = np.concatenate([outline, outline[:1]])
-    passed = np.concatenate([[0.0], np.hypot(*np.diff(closed, axis=0).T).cumsum()])
+def resample_outline(outline: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Points (`SAMPLES`,) at equal steps along the closed polygon (n,), in its direction."""
+    closed = np.append(outline, outline[0])
+    passed = np.append(0.0, np.abs(np.diff(closed)).cumsum())
     at = np.arange(SAMPLES) * passed[-1] / SAMPLES
-    u, v = (np.interp(at, passed, column) for column in closed.T)
-    return np.asarray(u + 1j * v, np.complex128)
+    return np.asarray(np.interp(at, passed, closed), np.complex128)
 
 
 def fourier_descriptors(outlines: Outlines) -> NDArray[np.float64]:
@@ -80,15 +79,15 @@ def fourier_descriptors(outlines: Outlines) -> NDArray[np.float64]:
     A shift changes only Z_0, and another scale or start point nothing (report chapter 4). The proportions are the
     logarithm of width by height. nan for those without an outline.
     """
-    sides = [np.ptp(part, axis=1) for part in (outlines.points.real, outlines.points.imag)]
-    scaled = np.full_like(outlines.points, complex(np.nan, np.nan))
-    for i in np.flatnonzero(np.isfinite(sides[0])):
-        points = np.stack([outlines.points[i].real, outlines.points[i].imag], axis=1)
-        scaled[i] = resample_outline(points / [sides[0][i], sides[1][i]])
+    u, v = outlines.points.real, outlines.points.imag
+    wide, tall = np.ptp(u, axis=1, keepdims=True), np.ptp(v, axis=1, keepdims=True)
+    scaled = u / wide + 1j * v / tall
+    for i in np.flatnonzero(np.isfinite(wide)):
+        scaled[i] = resample_outline(scaled[i])
     spectrum = np.fft.fft(scaled, axis=-1)
     first = spectrum[:, 1:2]
     terms = spectrum[:, TERMS] / np.abs(first) * np.exp(-1j * np.angle(first) * np.array(TERMS))
-    return np.column_stack([terms.real, terms.imag, np.log(sides[0] / sides[1]), outlines.filled])
+    return np.column_stack([terms.real, terms.imag, np.log(wide / tall), outlines.filled])
 
 
 def classify_shape(
@@ -125,5 +124,5 @@ def outlines_of(segmentation: Segmentation, regions: Regions) -> Outlines:
     for source, labels in enumerate(segmentation.labels or ()):  # pass one and two, as in `SOURCES`
         for i in np.flatnonzero(regions.source == source):
             hull, filled[i] = trace_region(labels, boxes[i])
-            points[i] = resample_outline(hull)
+            points[i] = resample_outline(hull[:, 0] + 1j * hull[:, 1])
     return Outlines(points, filled)

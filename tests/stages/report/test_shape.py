@@ -30,7 +30,7 @@ from ..made_frames import made_image
 
 def shape_features(outline):
     """Features of one outline given by its corners, all of it filled."""
-    points = resample_outline(np.asarray(outline, np.float64))
+    points = resample_outline(np.asarray(outline) @ [1, 1j])
     return fourier_descriptors(Outlines(points[None], np.ones((1, 2))))[0]
 
 
