@@ -153,7 +153,6 @@ MARGIN, MARGIN_PX = 0.1, 4.0
 """Around the box of a view, of its sides and px: points on the edge of a face have half of their pixels outside."""
 FARTHEST = 0.9
 """Descriptors of one region in two images are nearer, nine of ten pairs on faces of learning drives."""
-
 REACH = 1
 """Frames between the two segments of a hypothesis: panels are seen in neighbouring images."""
 APPEARANCE, VIEWS = 0.4, 1.4

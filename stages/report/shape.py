@@ -1,10 +1,8 @@
 """Shape class of candidates by the Fourier descriptors of their outlines (report chapter 4).
 
-An outline is the convex hull of the middles of the pixel edges of a region. Faces of signs are convex (all but
-crossbucks), so a legend or a border that cuts into the region does not count, nor do holes.
-
-Signs stand upright, and a turned panel looks narrower. So outlines are scaled to one width and height, and terms keep
-their phases: a square is no diamond, a wide rectangle has the corners of a square.
+An outline is the convex hull of the middles of the pixel edges of a region: faces are convex (all but crossbucks), and
+a legend or border that cuts into the region does not count. Signs stand upright, and a turned panel looks narrower. So
+outlines are scaled to one width and height, and terms keep their phases: a square is no diamond.
 """
 
 from collections.abc import Iterator
@@ -23,11 +21,8 @@ from wayside.stages.kernels import Array
 SAMPLES = 64
 """Points at equal steps of arc length that stand for an outline."""
 TERMS = (-1, 2, -2, 3, -3, -4, -5, -7)
-"""Terms behind the descriptors. The report says "magnitude of upper terms / first term" and gives no list.
-
-A regular n-gon has term 1-n as its first upper one (triangle -2, square -3, pentagon -4, octagon -7); an oblique
-outline has -1, one without symmetry has 2 and 3.
-"""
+"""Terms behind the descriptors, of which the report gives no list. A regular n-gon has 1-n as its first upper one
+(triangle -2, octagon -7), an oblique outline has -1, one without symmetry 2 and 3."""
 DESCRIPTORS = 2 * len(TERMS) + 3
 _EDGES = np.array([[-0.5, 0], [0.5, 0], [0, -0.5], [0, 0.5]], np.float32)  # from a pixel's centre
 
@@ -38,8 +33,7 @@ class Outlines(NamedTuple):
     points: NDArray[np.complex128]
     """(n, `SAMPLES`), u + iv in pixels of the label image, clockwise as seen."""
     filled: NDArray[np.float64]
-    """Shares (n, 2) of their area that the pixels of the region fill, without and with its holes: a face has a high
-    one, a frame or a line only with its holes."""
+    """Shares (n, 2) of their area that the pixels of the region fill, without and with its holes."""
 
 
 def trace_region(labels: NDArray[np.uint8], box: NDArray[np.int64]) -> tuple[Array, list[float]]:
@@ -49,9 +43,8 @@ def trace_region(labels: NDArray[np.uint8], box: NDArray[np.int64]) -> tuple[Arr
     around = labels[y : bottom + 1, x : right + 1]  # what leaves the box does not fill it
     wanted = (left - x, top - y, right - left, bottom - top)
     for label in np.unique(labels[top, left:right]):
-        _, parts, found, _ = cv2.connectedComponentsWithStats(
-            (around == label).astype(np.uint8), connectivity=4
-        )
+        same = (around == label).astype(np.uint8)
+        _, parts, found, _ = cv2.connectedComponentsWithStats(same, connectivity=4)
         filling = np.flatnonzero((found[1:, :4] == wanted).all(axis=1))
         if len(filling):
             break
@@ -75,9 +68,8 @@ def resample_outline(outline: NDArray[np.complex128]) -> NDArray[np.complex128]:
 def fourier_descriptors(outlines: Outlines) -> NDArray[np.float64]:
     """Descriptors (n, `DESCRIPTORS`) of outlines: Z_k / |Z_1| for k in `TERMS`, their proportions, and `filled`.
 
-    The first are real and imaginary parts, of an outline of width and height 1 that starts where the phase of Z_1 is 0.
-    A shift changes only Z_0, and another scale or start point nothing (report chapter 4). The proportions are the
-    logarithm of width by height. nan for those without an outline.
+    The first are real and imaginary parts, of an outline of width and height 1 that starts where the phase of Z_1 is 0:
+    place, scale and start point change nothing (report chapter 4). Proportions are the logarithm of width by height.
     """
     u, v = outlines.points.real, outlines.points.imag
     wide, tall = np.ptp(u, axis=1, keepdims=True), np.ptp(v, axis=1, keepdims=True)
@@ -95,28 +87,22 @@ def classify_shape(
 ) -> Iterator[Detections]:
     """Give the open candidates the shape class of their outline by Mahalanobis distance, in space "fourier8".
 
-    The outline is traced on the region's own pixels in the label image of its pass. A candidate without an accepted
-    shape gets the verdict `shape`.
+    A candidate without an accepted shape gets the verdict `shape`.
     """
     for one in detections:
         candidates = one.candidates
         rows = candidates.open_rows()
-        features = fourier_descriptors(
-            outlines_of(one.segmentation, candidates.regions.select(rows))
-        )
+        outlines = outlines_of(one.segmentation, candidates.regions.select(rows))
         shape, distance = candidates.shape.copy(), candidates.shape_distance.copy()
+        features = fourier_descriptors(outlines)
         shape[rows], distance[rows], ratio = nearest_class(features, model, SHAPES)
         named = replace(candidates, shape=shape, shape_distance=distance)
-        yield replace(
-            one, candidates=named.with_verdict(rows[~(ratio >= model.threshold)], "shape")
-        )
+        refused = rows[~(ratio >= model.threshold)]
+        yield replace(one, candidates=named.with_verdict(refused, "shape"))
 
 
 def outlines_of(segmentation: Segmentation, regions: Regions) -> Outlines:
-    """Outlines of regions of equal label (4 neighbours), which fill their boxes.
-
-    No two fill the same box: where both touched all four sides they would have to cross.
-    """
+    """Outlines of regions of equal label (4 neighbours); no two fill the same box, as they would have to cross."""
     points = np.full((len(regions), SAMPLES), complex(np.nan, np.nan))
     filled = np.full((len(regions), 2), np.nan)
     top = segmentation.rows[0]
