@@ -27,7 +27,7 @@ from wayside.schemas.settings import ReadSettings, Settings
 from wayside.stages.classifiers import nearest_class
 from wayside.stages.geometry import iou_matrix
 from wayside.stages.imaging import decode
-from wayside.stages.report import color_features, region_descriptors
+from wayside.stages.report import color_features, fourier_descriptors, outlines_of
 from wayside.stages.segmentation import segment
 
 STRETCHES = 10
@@ -223,7 +223,7 @@ def region_samples(
             values = (
                 regions.rgb[rows].astype(np.float64)
                 if accepting is None
-                else region_descriptors(item, regions.select(rows))
+                else fourier_descriptors(outlines_of(item, regions.select(rows)))
             )
             known = np.isfinite(values).all(axis=1)
             rows, values = rows[known], values[known]

@@ -28,7 +28,7 @@ from wayside.schemas.models import MixtureModel
 from wayside.schemas.settings import GateSettings, ReadSettings, Settings
 from wayside.schemas.signs import Sign
 from wayside.stages.mapping import VERDICT_OF_TERM
-from wayside.stages.report import color_features, mean_log_ratio, region_descriptors
+from wayside.stages.report import color_features, fourier_descriptors, mean_log_ratio, outlines_of
 from wayside.stages.segmentation import regions_before_gate
 
 NO_CLASS = ""
@@ -224,9 +224,9 @@ class _Collector:
         every = item.candidates
         refused = every.verdict == verdict_code("shape")
         rows = np.flatnonzero(refused | (every.verdict == verdict_code("open")))
-        values = region_descriptors(item.segmentation, every.regions.select(rows))
+        values = fourier_descriptors(outlines_of(item.segmentation, every.regions.select(rows)))
         names = (self.faces.shape, SHAPES, every.shape[rows])
-        yield self._regions("shape", item, rows, "fourier6", values, ~refused[rows], names)
+        yield self._regions("shape", item, rows, "fourier8", values, ~refused[rows], names)
 
     def _boxes(self, item: Detections) -> Iterator[ClassifierSamples]:
         """Every box that the detector scored. A box that a better box suppresses does not count as refused."""

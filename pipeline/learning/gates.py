@@ -34,6 +34,7 @@ from wayside.pipeline.models.model_json import model_to_json
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import GaussianClass, GaussianModel, MixtureModel
 from wayside.stages.classifiers import log_ratios
+from wayside.stages.report import DESCRIPTORS
 
 KANSAS, OWN = "report-kansas.json", {"color": "color_rgb.json", "shape": "shape.json"}
 
@@ -67,7 +68,7 @@ def learn_gates(
     `samples`: by classifier. `densities`: of trajectories, one a form.
     """
     learned: dict[str, GaussianModel | MixtureModel] = {}
-    floors = {"color": fits.COLOR_FLOOR, "shape": (fits.SHAPE_FLOOR,) * 6}
+    floors = {"color": fits.COLOR_FLOOR, "shape": (fits.SHAPE_FLOOR,) * DESCRIPTORS}
     for name, model in (("color", models.color_classes), ("shape", models.shape_classes)):
         if name in samples and model is not None:
             own = samples[name]

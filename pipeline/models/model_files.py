@@ -29,7 +29,7 @@ from wayside.stages.classifiers import OnnxNetwork, at_alpha
 from wayside.stages.detection import BoxNetwork, DetectionNetwork
 from wayside.stages.mapping import FEATURES as LANDMARK_FEATURES
 from wayside.stages.panel import OUTLINE_FEATURES, POST_FEATURES
-from wayside.stages.report import COLOR_SPACES, TERMS
+from wayside.stages.report import COLOR_SPACES, DESCRIPTORS
 from wayside.stages.sign_codes import CLASSES, FaceClassifier
 
 REPORT_LOCATION = "location_report.json"
@@ -227,7 +227,7 @@ def _check_inputs(models: Models, folder: ModelFolder) -> None:
         _check_gate(models.color_classes, COLORS, COLOR_SPACES)
         _check_gate(models.location_classes, None, {"right_up_m": 2})
     if models.shape_classes is not None:
-        _check_gate(models.shape_classes, SHAPES, {"fourier6": len(TERMS)})
+        _check_gate(models.shape_classes, SHAPES, {"fourier8": DESCRIPTORS})
     if models.post_kinds is not None:
         odd["post.json"] = {*models.post_kinds.features} ^ {*POST_FEATURES}
     for name, inputs in odd.items():

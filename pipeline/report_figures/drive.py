@@ -148,7 +148,7 @@ class Drive:
                 frame,
                 int(face[i]),
                 regions.box[i],
-                outlines[i] + 1j * item.segmentation.rows[0],
+                outlines.points[i] + 1j * item.segmentation.rows[0],
                 SHAPES[code[i]],
                 bool(ratio[i] >= self.shapes.threshold),
                 float(distance[i]),

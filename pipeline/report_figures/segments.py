@@ -181,14 +181,15 @@ REPORT_IMAGES, REPORT_SHAPES = 50, 0.92
 _TALL, _MOST = 300, 4
 
 View = list[FaceOutline]
-"""The outlines on one face in one image."""
+"""The outlines on one face in one image, by falling size."""
 
 
 def shape_figures(drive: Drive) -> Iterator[Figure]:
     """Figures 4.1 and 4.2, and the claim."""
     known = [one for one in drive.outlines if drive.faces.shape[one.face]]
-    views = [list(own) for _, own in groupby(known, key=lambda one: (one.frame, one.face))]
-    by_size = sorted(views, key=lambda view: -_area(_largest(view)))
+    each = groupby(known, key=lambda one: (one.frame, one.face))
+    views = [sorted(own, key=_area, reverse=True) for _, own in each]
+    by_size = sorted(views, key=lambda view: -_area(view[0]))
     found = [view for view in by_size if right(drive, view)]
     # the largest of each shape
     shown = list({drive.faces.shape[v[0].face]: v for v in reversed(found)}.values())[:_MOST]
@@ -196,7 +197,7 @@ def shape_figures(drive: Drive) -> Iterator[Figure]:
     images = drive.images({view[0].frame for view in (*shown, *worst)})
     for number, those in (("4.1", shown), ("4.2", worst)):
         if those:
-            outlines = [_largest(view) for view in those]
+            outlines = [view[0] for view in those]
             yield figure(number).shown(_told(drive, outlines), _drawn(images, outlines))
     yield _claim(drive, views)
 
@@ -208,10 +209,6 @@ def right(drive: Drive, view: View) -> bool:
 
 def _area(one: FaceOutline) -> float:
     return float(np.prod(one.box[2:] - one.box[:2]))
-
-
-def _largest(view: View) -> FaceOutline:
-    return max(view, key=_area)
 
 
 def _drawn(images: Images, outlines: Sequence[FaceOutline]) -> Picture:

@@ -30,7 +30,7 @@ PIXEL_CENTRE = 0.5
 """The centre of the first pixel in the viewer; elsewhere it is 0."""
 MANY, MOST_WORDS = ("size", "color"), 100
 """Verdicts of thousands of regions: their boxes are detail. Words for more boxes than this are not made."""
-CURVES: dict[str, tuple[int, ...]] = {"circle": (1,), "ellipse": (1, -1), "six_terms": (1, *TERMS)}
+CURVES = {"circle": (1,), "ellipse": (1, -1), "six_terms": (1, *TERMS[:6])}
 """Fourier terms beside the mean that each curve is made of: one is a circle, with its conjugate an ellipse."""
 INKS = {
     "traced": (255, 255, 255),
@@ -189,7 +189,7 @@ def outline_entities(item: Detections, *, detail: bool) -> list[Entity]:
     candidates = item.candidates
     given = np.isfinite(candidates.shape_distance)
     rows = np.flatnonzero(given if detail else given & (candidates.verdict == 0))
-    traced = outlines_of(item.segmentation, candidates.regions.select(rows))
+    traced = outlines_of(item.segmentation, candidates.regions.select(rows)).points
     traced = traced[np.isfinite(traced).all(axis=1)] + 1j * item.segmentation.rows[0]
     found = []
     for name, ink in INKS.items():

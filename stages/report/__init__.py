@@ -7,11 +7,11 @@ from wayside.stages.report.match import extract_sift as extract_sift
 from wayside.stages.report.match import match_segments as match_segments
 from wayside.stages.report.points import merge_segments as merge_segments
 from wayside.stages.report.points import triangulate_points as triangulate_points
+from wayside.stages.report.shape import DESCRIPTORS as DESCRIPTORS
 from wayside.stages.report.shape import TERMS as TERMS
 from wayside.stages.report.shape import classify_shape as classify_shape
 from wayside.stages.report.shape import fourier_descriptors as fourier_descriptors
 from wayside.stages.report.shape import outlines_of as outlines_of
-from wayside.stages.report.shape import region_descriptors as region_descriptors
 from wayside.stages.report.trajectory import STEP_M as STEP_M
 from wayside.stages.report.trajectory import TRAJECTORY_FORMS as TRAJECTORY_FORMS
 from wayside.stages.report.trajectory import classify_trajectory as classify_trajectory

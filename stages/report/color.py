@@ -16,8 +16,7 @@ from wayside.stages.imaging import log_chromaticity
 COLOR_SPACES = {"rgb": 3, "chromaticity": 2, "log_chromaticity": 2, "log_rgb": 3, "lab": 3}
 """Names and dimensions. `rgb`: levels from 0 to 255 (report chapter 3.2); `chromaticity`: shares of red and green in
 the sum of the channels; `log_chromaticity`: logarithms of R/G and B/G; `log_rgb`: these and the logarithm of the
-brightness; `lab`: CIE 1976 L*a*b* of sRGB under D65. A change of exposure leaves the second and third as they are and
-moves a colour along one axis of the fourth."""
+brightness; `lab`: CIE 1976 L*a*b* of sRGB under D65. Exposure changes neither the second nor the third."""
 
 
 def classify_color(

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import Detections, Regions, box_centers
 from wayside.schemas.landmarks import Crop, TrackedFrame
+from wayside.schemas.models import GaussianClass
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
+from wayside.stages.classifiers import log_normals
 from wayside.stages.geometry import cross_matrices
 from wayside.stages.kernels import Array, compiled
 from wayside.stages.mapping import (
@@ -146,12 +148,16 @@ MARGIN, MARGIN_PX = 0.1, 4.0
 """Around the box of a view, of its sides and px: points on the edge of a face have half of their pixels outside."""
 FARTHEST = 0.9
 """Descriptors of one region in two images are nearer, nine of ten pairs on faces of learning drives."""
-
 REACH = 1
 """Frames between the two segments of a hypothesis: panels are seen in neighbouring images."""
-APPEARANCE, VIEWS, SIZE = 0.4, 1.4, -0.9
-"""Weights of evidence for a sign, that of its place being 1: of the mean likelihood ratio of its colour, and of the
-logarithms of the number of views and of the area in square metres (logistic regression on four learning drives)."""
+APPEARANCE, VIEWS = 0.4, 1.4
+"""Weights of evidence for a sign, those of place and size being 1: of the mean likelihood ratio of its colour, and of
+the logarithm of the number of views (logistic regression on four learning drives)."""
+SIZES = (
+    GaussianClass("sign", np.array([-0.39, -0.71]), np.array([[0.32, 0.13], [0.13, 0.24]]), 538),
+    GaussianClass("other", np.array([-0.19, -0.73]), np.array([[0.85, 0.44], [0.44, 0.74]]), 4640),
+)
+"""Logarithms of width and height, metres, of landmarks on six learning drives."""
 
 
 def match_segments(
@@ -195,10 +201,11 @@ class _Matcher(WindowSolver):
             measured = LandmarkMeasurement(fit.point, fit.covariance, box_panel(fit, self._window))
             views = fit.views_in(self._window)
             seen = fit.followed_in(self._window)
+            sign, other = log_normals(np.log(fit.metric)[None], SIZES)[0]
             terms = {
                 "appearance": APPEARANCE * seen["score"].mean(),
                 "views": VIEWS * np.log(len(seen)),
-                "size": SIZE * np.log(fit.metric.prod()),
+                "size": sign - other,
             }
             self._report(
                 fit,

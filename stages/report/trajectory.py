@@ -15,7 +15,6 @@ from wayside.stages.geometry import rotation_from_vector, vector_from_rotation
 
 TRAJECTORY_FORMS = ("image", "compensated")
 """Order of the second axis of a trajectory, and spaces of its models."""
-
 STEP_M = 8.04672
 """Displacements are those of a step of 26.4 ft, as between two images of the report."""
 
@@ -26,11 +25,9 @@ def trajectory_of(rays: NDArray[np.float64], motions: Sequence[Motion]) -> NDArr
     `rays` (n, 2): the feature in each view, oldest first; `motions`: camera of each. Values are nan where a ray lies
     behind the camera.
 
-    Coordinates assume a camera of focal length 1 without distortion (x/z right, y/z down): one model serves all
-    cameras. The components du, dv are scaled to a step of 26.4 ft. In the form "image" the coordinates are taken as
-    they are, as in the report. In the form "compensated" both views are turned into the axes half way through the
-    camera's rotation. In these axes a vehicle that drives an arc travels in a constant direction, and a sign moves as
-    on a straight road.
+    Coordinates are x/z (right) and y/z (down), so one model serves all cameras; du, dv are scaled to a step of 26.4 ft.
+    Form "image" takes them as they are, as in the report. In "compensated" both views are turned into the axes half way
+    through the camera's rotation, in which a sign next to an arc moves as on a straight road.
     """
     steps = np.empty((max(len(rays) - 1, 0), len(TRAJECTORY_FORMS), 4))
     for k in range(len(steps)):
@@ -63,9 +60,8 @@ def classify_trajectory(
     """Refuse what does not move in the image as signs do (`trajectory`).
 
     The report holds each (u, v, du, dv) against a density of signs. Here it is held against that of other tracks as
-    well (likelihood ratio, chapter 9); a track is as typical as its steps are on average.
-    Landmarks that are still accepted are asked about. Raises InputError where the model is of a space that is not among
-    `TRAJECTORY_FORMS`.
+    well (likelihood ratio, chapter 9); a track is as typical as its steps are on average. Raises InputError where the
+    model is of a space that is not among `TRAJECTORY_FORMS`.
     """
     if model.space not in TRAJECTORY_FORMS or model.mean.shape[1] != 4:
         raise InputError(

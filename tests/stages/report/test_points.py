@@ -9,7 +9,7 @@ from wayside.schemas.frame import Pose
 from wayside.schemas.landmarks import Crop, TrackedFrame
 from wayside.stages.geometry import pair_midpoint
 from wayside.stages.report import merge_segments, triangulate_points
-from wayside.stages.report.points import SIZE_SIGMA, depth_sigma, fit_depth
+from wayside.stages.report.points import LEAST_EVIDENCE, SIZE_SIGMA, depth_sigma, fit_depth
 
 from ...made_landmarks import made_landmark
 from ..made_frames import drive, landmarks_of, stamp, texture
@@ -31,7 +31,7 @@ def placed(behind=lambda square: 0.0, seeds=(0, 0), lower_px=0.0):
         width_m=1.1,
         height_m=1.1,
         crops=tuple(crops),
-        evidence=(("place", 5.3),),
+        evidence=(("place", LEAST_EVIDENCE - 3.9),),
     )
     tracked = tracked_frame(frames[1], seen)
     (one,) = landmarks_of(triangulate_points(iter([tracked])))
