@@ -85,7 +85,8 @@ def _correlated_covariance(
     total = np.empty((2, count))
     for p in range(first.shape[0] - 1):
         for i in range(first[p], first[p + 1]):
-            total[:] = 0.5 * effect[i]
+            for k in range(count):
+                total[0, k], total[1, k] = 0.5 * effect[i, 0, k], 0.5 * effect[i, 1, k]
             for j in range(first[p], i):
                 x, y = position[i, 0] - position[j, 0], position[i, 1] - position[j, 1]
                 near = sharpness * (x * x + y * y)

@@ -266,4 +266,6 @@ def constraint_jacobian(poses: Poses, constraints: StepConstraints, jacobian: Ar
             move_poses(step, poses, moved)
             constraint_residuals(moved[0], moved[1], constraints, found[side])
         step[k] = 0.0
-        jacobian[:, k] = (found[1] - found[0]).ravel() / (2 * DIFFERENCE)
+        for i in range(len(jacobian)):
+            row, column = divmod(i, 6)
+            jacobian[i, k] = (found[1, row, column] - found[0, row, column]) / (2 * DIFFERENCE)

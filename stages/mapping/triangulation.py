@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.geometry import cholesky_solve, meet_rays
+from wayside.stages.geometry import invert_symmetric, meet_rays
 from wayside.stages.kernels import Array, compiled, shaped
 
 CAUCHY_SIGMAS = 2.385
@@ -78,35 +78,37 @@ def _triangulate(views: _Views, point: Array, covariance: Array) -> None:
     cost = _start(views, normal, point)
     if not np.isfinite(cost):
         return
-    step, factor = np.empty(3), np.empty((3, 3))
+    step, inverse, trial = np.empty(3), np.empty((3, 3)), np.empty(3)
     for _ in range(POINT_ITERATIONS):
         _linearise(views, point, normal)
-        factor[:] = normal.matrix
-        step[:] = normal.right
-        if not cholesky_solve(factor, step):
+        if not invert_symmetric(normal.matrix, 0.0, 0.0, inverse) > 0:
             break
+        for i in range(3):
+            step[i] = 0.0
+            for j in range(3):
+                step[i] += inverse[i, j] * normal.right[j]
         before = cost
-        cost = _linearise(views, point + step, normal)
-        for _ in range(HALVINGS):
+        for _ in range(HALVINGS + 1):
+            for i in range(3):
+                trial[i] = point[i] + step[i]
+                step[i] /= 2
+            cost = _linearise(views, trial, normal)
             if cost <= before:
                 break
-            step /= 2
-            cost = _linearise(views, point + step, normal)
         if not cost <= before:
             break
-        point += step
+        for i in range(3):
+            point[i] = trial[i]
         if before - cost <= POINT_GAIN * before:
             break
     _linearise(views, point, normal)
     # 2 n measurements less 3 unknowns, each view counted by its weight
     freedom = 2.0 * normal.fit[1] - 3.0
     inflation = max(1.0, normal.fit[0] / freedom) if freedom > 0 else 1.0
-    for i in range(3):
-        factor[:] = normal.matrix
-        step[:] = 0.0
-        step[i] = 1.0
-        if cholesky_solve(factor, step):
-            covariance[i] = step * inflation
+    if invert_symmetric(normal.matrix, 0.0, 0.0, inverse) > 0:
+        for i in range(3):
+            for j in range(3):
+                covariance[i, j] = inverse[i, j] * inflation
 
 
 @compiled
@@ -130,7 +132,7 @@ def _start(views: _Views, normal: _Normal, best: Array) -> float:
             cost = _linearise(views, point[0], normal)
             if cost < lowest:
                 lowest = cost
-                best[:] = point[0]
+                best[0], best[1], best[2] = point[0]
     return lowest
 
 
