@@ -67,48 +67,44 @@ def triangulate_views(
         )
     if not (views.sigma > 0).all():
         raise ValueError(f"a sigma is not positive: {views.sigma.min()}")
-    point, covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
-    _triangulate(views, point, covariance)
-    return point, covariance
+    point, inverse = np.full(3, np.nan), np.full((3, 3), np.nan)
+    return point, inverse * _triangulate(views, point, inverse)
 
 
 @compiled
-def _triangulate(views: _Views, point: Array, covariance: Array) -> None:
+def _triangulate(views: _Views, point: Array, inverse: Array) -> float:
+    # Fills the point and the inverse of its normal equations; returns the factor of the latter by the residuals.
     normal = _Normal(np.empty((3, 3)), np.empty(3), np.empty(2))
+    other, trial = _Normal(np.empty((3, 3)), np.empty(3), np.empty(2)), np.empty(3)
     cost = _start(views, normal, point)
     if not np.isfinite(cost):
-        return
-    step, inverse, trial = np.empty(3), np.empty((3, 3)), np.empty(3)
+        return 1.0
+    _linearise(views, point, normal)
     for _ in range(POINT_ITERATIONS):
-        _linearise(views, point, normal)
         if not invert_symmetric(normal.matrix, 0.0, 0.0, inverse) > 0:
             break
-        for i in range(3):
-            step[i] = 0.0
-            for j in range(3):
-                step[i] += inverse[i, j] * normal.right[j]
-        before = cost
+        before, length, right = cost, 1.0, normal.right
         for _ in range(HALVINGS + 1):
             for i in range(3):
-                trial[i] = point[i] + step[i]
-                step[i] /= 2
-            cost = _linearise(views, trial, normal)
+                step = (
+                    inverse[i, 0] * right[0] + inverse[i, 1] * right[1] + inverse[i, 2] * right[2]
+                )
+                trial[i] = point[i] + length * step
+            cost = _linearise(views, trial, other)
             if cost <= before:
                 break
+            length /= 2
         if not cost <= before:
             break
-        for i in range(3):
-            point[i] = trial[i]
+        point[0], point[1], point[2] = trial
+        normal, other = other, normal
         if before - cost <= POINT_GAIN * before:
             break
-    _linearise(views, point, normal)
+    if not invert_symmetric(normal.matrix, 0.0, 0.0, inverse) > 0:
+        return np.nan
     # 2 n measurements less 3 unknowns, each view counted by its weight
     freedom = 2.0 * normal.fit[1] - 3.0
-    inflation = max(1.0, normal.fit[0] / freedom) if freedom > 0 else 1.0
-    if invert_symmetric(normal.matrix, 0.0, 0.0, inverse) > 0:
-        for i in range(3):
-            for j in range(3):
-                covariance[i, j] = inverse[i, j] * inflation
+    return max(1.0, normal.fit[0] / freedom) if freedom > 0 else 1.0
 
 
 @compiled
