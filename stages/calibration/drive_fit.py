@@ -48,8 +48,6 @@ START_DAMPING, LENS_DAMPING = 1e-3, 1e-9
 """Of poses and points alone, and with the lens: more would hold principal point and pitch, nearly one direction."""
 GAIN = 2.0
 """Chi-square below which a step is the last; that of the errors of five parameters is 5."""
-LONGEST_STEP = 0.1
-"""Relative change of the focal length in one step at most."""
 LARGEST_SIGMA = 0.03
 """A focal length with a larger relative standard error is not determined: so large is that of positions."""
 WRONG_DISPLACEMENT = 0.03
@@ -256,7 +254,6 @@ def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estim
         right = sum((one.right for one in solved), -problem.known @ estimate.lens)
         damped = matrix + damping * np.diag(np.diag(matrix))
         step = np.asarray(np.linalg.solve(damped, right), np.float64)
-        step *= min(1.0, LONGEST_STEP / max(abs(float(step[0])), 1e-12))
     trial.lens = estimate.lens + step
     parts = zip(estimate.segments, problem.equations, solved, strict=True)
     trial.segments = [updated(*part, step) for part in parts]

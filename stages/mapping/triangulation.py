@@ -54,19 +54,13 @@ def triangulate_views(
 
     Raises ValueError where shapes do not fit or a sigma is not positive.
     """
+    n = len(rotations)
+    sigma = shaped(sigma, (n,))
+    if not (sigma > 0).all():
+        raise ValueError(f"a sigma is not positive: {sigma.min()}")
     views = _Views(
-        shaped(rotations, (-1, 3, 3)),
-        shaped(centres, (-1, 3)),
-        shaped(rays, (-1, 2)),
-        shaped(sigma, (-1,)),
+        shaped(rotations, (n, 3, 3)), shaped(centres, (n, 3)), shaped(rays, (n, 2)), sigma
     )
-    counts = [len(column) for column in views]
-    if len(set(counts)) > 1:
-        raise ValueError(
-            f"rotations, centres, rays and sigmas differ in number: {', '.join(map(str, counts))}"
-        )
-    if not (views.sigma > 0).all():
-        raise ValueError(f"a sigma is not positive: {views.sigma.min()}")
     point, inverse = np.full(3, np.nan), np.full((3, 3), np.nan)
     return point, inverse * _triangulate(views, point, inverse)
 

@@ -65,6 +65,15 @@ def test_a_shell_completes_commands():
     assert sorted(done.stdout.split()) == ["evaluate", "evidence"]
 
 
+def test_the_command_line_does_not_load_pandas():
+    code = (
+        "import sys; from wayside.pipeline.cli import main; sys.argv[1:] = ['--version']\n"
+        "try: main()\nexcept SystemExit: import pyarrow; print(pyarrow.array([1]), 'pandas' in sys.modules)"
+    )
+    done = python(code)
+    assert done.stdout.endswith("False\n"), done.stderr
+
+
 def test_without_rerun_everything_but_the_viewer_is_there(tmp_path):
     code = (
         "import sys; sys.modules['rerun'] = None\n"
