@@ -36,6 +36,7 @@ from wayside.pipeline.results.result import (
 from wayside.pipeline.running.flow import MOTION_AHEAD, Drive, Flow, FrameCounts, Observer, paced
 from wayside.pipeline.running.image_memory import ImageMemory
 from wayside.pipeline.running.journal import Journal, journal_key, remove_journal, result_key
+from wayside.pipeline.running.tuning import trim_heap
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.detectors import BoxFile
 from wayside.schemas.errors import InputError
@@ -255,6 +256,7 @@ class _Task:
                 raise InputError(_no_image(asked.log, self.statuses))
             if accounting is not None:
                 accounting.require_known()
+            trim_heap()
             drive = flow.finish()
             self.run.report.notes += self._notes(drive)
             inventory = writer.finish(drive.path, drive.signs, drive.sections)

@@ -47,6 +47,12 @@ def _keep_heap() -> None:
         advise(_ARENAS, 1)
 
 
+def trim_heap() -> None:
+    """Give freed memory back to the system: that of the images, which what comes after the last one does not need."""
+    with suppress(AttributeError, OSError, TypeError):
+        ctypes.CDLL(None).malloc_trim(0)
+
+
 @contextmanager
 def watched_compilation(notify: Callable[[bool], None]) -> Iterator[None]:
     """Compile kernels faster in a block, and call `notify` with True where a compilation starts, False where it ends.

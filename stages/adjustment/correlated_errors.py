@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
-from wayside.stages.kernels import Array, compiled
+from wayside.stages.kernels import Array
 
 
 class TieErrors(NamedTuple):
@@ -64,39 +65,9 @@ def correlated_covariance(
     `effect` (n, 2, k): change of the estimate per standard deviation of the field, in both coordinates of each tie.
     `reach_px`: of the correlation exp(-d^2 / (2 reach_px^2)).
     """
-    order = np.argsort(image, kind="stable")
-    first = np.flatnonzero(np.diff(image[order], prepend=-1)).astype(np.int64)
     result = np.zeros((effect.shape[2], effect.shape[2]))
-    _correlated_covariance(
-        np.append(first, len(order)),
-        np.ascontiguousarray(position[order]),
-        np.ascontiguousarray(effect[order]),
-        0.5 / reach_px**2,
-        result,
-    )
-    return result
-
-
-@compiled
-def _correlated_covariance(
-    first: NDArray[np.int64], position: Array, effect: Array, sharpness: float, result: Array
-) -> None:
-    count = effect.shape[2]
-    total = np.empty((2, count))
-    for p in range(first.shape[0] - 1):
-        for i in range(first[p], first[p + 1]):
-            total[:] = 0.5 * effect[i]
-            for j in range(first[p], i):
-                x, y = position[i, 0] - position[j, 0], position[i, 1] - position[j, 1]
-                near = sharpness * (x * x + y * y)
-                if near > 12.0:
-                    continue
-                alike = np.exp(-near)
-                for k in range(count):
-                    total[0, k] += alike * effect[j, 0, k]
-                    total[1, k] += alike * effect[j, 1, k]
-            for k in range(count):
-                for m in range(count):
-                    both = effect[i, 0, k] * total[0, m] + effect[i, 1, k] * total[1, m]
-                    result[k, m] += both
-                    result[m, k] += both
+    for own in np.unique(image):
+        place, by_tie = position[image == own] / reach_px, effect[image == own]
+        alike = np.exp(-0.5 * cdist(place, place, "sqeuclidean"))
+        result += np.tensordot(by_tie, np.tensordot(alike, by_tie, 1), ([0, 1], [0, 1]))
+    return 0.5 * (result + result.T)  # the same to the last digit on both sides of the diagonal

@@ -257,11 +257,13 @@ def move_poses(step: Array, poses: Poses, moved: Poses) -> None:
 def constraint_jacobian(poses: Poses, constraints: StepConstraints, jacobian: Array) -> None:
     """Fill the central differences (6 l, 6 n) of the residuals of all constraints by the poses."""
     moved = np.empty_like(poses[0]), np.empty_like(poses[1])
-    step, found = np.zeros(jacobian.shape[1]), np.empty((2, constraints.frames.shape[0], 6))
+    step, found = np.zeros(jacobian.shape[1]), np.empty((2, len(jacobian)))
     for k in range(len(step)):
         for side in range(2):
             step[k] = DIFFERENCE if side else -DIFFERENCE
             move_poses(step, poses, moved)
-            constraint_residuals(moved[0], moved[1], constraints, found[side])
+            rows = found[side].reshape(len(jacobian) // 6, 6)
+            constraint_residuals(moved[0], moved[1], constraints, rows)
         step[k] = 0.0
-        jacobian[:, k] = (found[1] - found[0]).ravel() / (2 * DIFFERENCE)
+        for i in range(len(jacobian)):
+            jacobian[i, k] = (found[1, i] - found[0, i]) / (2 * DIFFERENCE)

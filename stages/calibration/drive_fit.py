@@ -21,6 +21,7 @@ from wayside.stages.calibration.segment_equations import (
     RADIAL,
     Equations,
     Projection,
+    Reduced,
     changed_camera,
     displacement,
     evaluate,
@@ -38,19 +39,15 @@ PRINCIPAL_POINT_SIGMA = 0.006
 DISTORTION_SIGMA = 0.3
 """Scatter of k1 and k2 beforehand, for lenses of 50 to 90 degrees."""
 ITERATIONS = 15
-"""Steps of the lens in one fit at most."""
-START_ITERATIONS = 10
+"""Steps of the lens at most."""
+START_ITERATIONS = 4
 """Steps of poses and points at the start, before the lens is free, at most."""
-INNER_ITERATIONS = 4
+INNER_ITERATIONS = 2
 """The same after each step of the lens: points and poses follow it along a curved valley of the cost."""
-GAIN = 0.5
-"""Steps end where twice the log likelihood changes by less: one standard error changes it by 1."""
-LONGEST_STEP = 0.1
-"""Relative change of the focal length in one step at most."""
-REWEIGHTINGS = 3
-"""Fits with the errors of ties as large as the residuals of the last one say."""
-SAME_ERRORS = 0.95
-"""The last fit is one after which these errors are at least so many times those before."""
+START_DAMPING, LENS_DAMPING = 1e-3, 1e-9
+"""Of poses and points alone, and with the lens: more would hold principal point and pitch, nearly one direction."""
+GAIN = 2.0
+"""Chi-square below which a step is the last; that of the errors of five parameters is 5."""
 LARGEST_SIGMA = 0.03
 """A focal length with a larger relative standard error is not determined: so large is that of positions."""
 WRONG_DISPLACEMENT = 0.03
@@ -196,31 +193,30 @@ def calibrate_drive(
 ) -> DriveCalibration:
     """Estimate the lens of a camera from the segments of a drive.
 
-    Poses and points are solved again after each step of the lens: the cost depends on the lens alone.
+    Steps are of Gauss and Newton and go on until one is no larger than its error. That is the first where the lens
+    given is right. Poses and points are solved again after each: the cost depends on the lens alone.
 
     The ratio of both focal lengths and the coefficients but k1 and k2 are held. principal_sigma_px: how far off the
     principal point of the camera may be. Raises LinAlgError where the ties determine nothing.
     """
     scatter = [np.inf, principal_sigma_px, principal_sigma_px, DISTORTION_SIGMA, DISTORTION_SIGMA]
     problem = _Problem(camera, np.diag(1 / np.array(scatter) ** 2))
-    estimate, _ = _fitted(problem, _Estimate(np.zeros(len(LENS)), segments), START_ITERATIONS)
-    # Compressed images have larger errors than stated.
-    problem.factor = _error_factor(problem, estimate)
-    estimate, _ = _fitted(problem, estimate, START_ITERATIONS)
+    estimate = _fitted(problem, _Estimate(np.zeros(len(LENS)), segments), START_ITERATIONS)
     problem.free = True
-    estimate, cost = _fitted(problem, estimate, ITERATIONS)
-    for _ in range(REWEIGHTINGS - 1):
-        factor = _error_factor(problem, estimate)
-        if factor > SAME_ERRORS * problem.factor:
+    for left in reversed(range(ITERATIONS)):
+        # Compressed images have larger errors than stated.
+        problem.factor = _error_factor(problem, estimate)
+        solved, step, inverse = _lens_step(problem, estimate)
+        # By errors as stated: a wrong lens enlarges those found, which would let its own pass for chance.
+        if not left or problem.factor**2 * step @ np.linalg.solve(inverse, step) < GAIN:
             break
-        # A wrong lens has larger residuals, which let its errors pass for those of ties.
-        problem.factor = factor
-        estimate, cost = _fitted(problem, estimate, ITERATIONS)
-    covariance, count = _covariance(problem, estimate), sum(len(one.early) for one in segments)
-    if not (np.isfinite(estimate.lens).all() and np.isfinite(covariance).all()):
+        estimate = _fitted(problem, estimate, 1)
+    lens, covariance = estimate.lens + step, _covariance(problem, estimate, solved, step, inverse)
+    if not (np.isfinite(lens).all() and np.isfinite(covariance).all()):
         raise np.linalg.LinAlgError
+    cost, count = _evaluate(problem, estimate), sum(len(one.early) for one in segments)
     return DriveCalibration(
-        camera, estimate.lens, covariance, problem.factor, cost / count, len(segments), count
+        camera, lens, covariance, problem.factor, cost / count, len(segments), count
     )
 
 
@@ -230,12 +226,11 @@ def _error_factor(problem: _Problem, estimate: _Estimate) -> float:
     return max(1.0, problem.factor * median / _RAYLEIGH_MEDIAN)
 
 
-def _fitted(problem: _Problem, start: _Estimate, iterations: int) -> tuple[_Estimate, float]:
-    """The estimate of least cost, and that cost."""
+def _fitted(problem: _Problem, start: _Estimate, iterations: int) -> _Estimate:
+    """The estimate of least cost."""
     count = sum(len(one.early) for one in start.segments)
-    schedule = Schedule(iterations, GAIN / count, damping=1e-6)
-    best, cost, _ = _minimise(problem, start, replace(start), schedule)
-    return best, cost
+    schedule = Schedule(iterations, GAIN / count, LENS_DAMPING if problem.free else START_DAMPING)
+    return _minimise(problem, start, replace(start), schedule)[0]
 
 
 def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
@@ -259,29 +254,36 @@ def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estim
         right = sum((one.right for one in solved), -problem.known @ estimate.lens)
         damped = matrix + damping * np.diag(np.diag(matrix))
         step = np.asarray(np.linalg.solve(damped, right), np.float64)
-        step *= min(1.0, LONGEST_STEP / max(abs(float(step[0])), 1e-12))
     trial.lens = estimate.lens + step
     parts = zip(estimate.segments, problem.equations, solved, strict=True)
     trial.segments = [updated(*part, step) for part in parts]
     if problem.free:
-        settled, _ = _fitted(replace(problem, free=False), replace(trial), INNER_ITERATIONS)
-        trial.segments = settled.segments
+        held = replace(problem, free=False)
+        trial.segments = _fitted(held, replace(trial), INNER_ITERATIONS).segments
     return True
 
 
 _minimise = minimiser(_evaluate, _linearise, _solve, plain=True)
 
 
-def _covariance(problem: _Problem, estimate: _Estimate) -> Array:
-    """Covariance (5, 5) of the lens in the order of `LENS`.
+def _lens_step(problem: _Problem, estimate: _Estimate) -> tuple[list[Reduced], Array, Array]:
+    """Equations of the lens of each segment, its Gauss-Newton step (5,), and the inverse (5, 5) of their sum."""
+    _linearise(problem, estimate, 0)
+    solved = [reduced(one, 0.0) for one in problem.equations]
+    matrix = sum((one.matrix for one in solved), problem.known)
+    right = sum((one.right for one in solved), -problem.known @ estimate.lens)
+    inverse: Array = np.asarray(np.linalg.inv(matrix), np.float64)
+    return solved, inverse @ right, inverse
+
+
+def _covariance(
+    problem: _Problem, estimate: _Estimate, solved: list[Reduced], step: Array, inverse: Array
+) -> Array:
+    """Covariance (5, 5) of the lens in the order of `LENS`, by its last step.
 
     It is of independent errors and of those that neighbouring ties share, and raised to what the scatter between
     segments says.
     """
-    _linearise(problem, estimate, 0)
-    solved = [reduced(one, 0.0) for one in problem.equations]
-    matrix = sum((one.matrix for one in solved), problem.known)
-    inverse: Array = np.asarray(np.linalg.inv(matrix), np.float64)
     result = inverse.copy()
     for segment, equations, one in zip(estimate.segments, problem.equations, solved, strict=True):
         shared_px = problem.factor * segment.shared_px
@@ -291,8 +293,6 @@ def _covariance(problem: _Problem, estimate: _Estimate) -> Array:
     count = len(solved)
     if count > 1:
         # What each segment alone would still change.
-        right = sum((one.right for one in solved), -problem.known @ estimate.lens)
-        step = inverse @ right
         rights = np.array([one.right - one.matrix @ step for one in solved])
         scatter = inverse @ (rights.T @ rights) @ inverse * count / (count - 1)
         ratio = np.sqrt(np.maximum(1.0, np.diag(scatter) / np.diag(result)))

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from wayside.schemas.frame import Camera
 from wayside.stages.adjustment import ANCHOR_SIGMA_PX, TIE_SCALE
@@ -31,7 +32,8 @@ RADIAL = [0, 3, 4]
 LENGTH_SIGMA = 0.2
 """Relative scatter of the lengths of steps: they do not depend on the lens and only fix the scale."""
 
-_NEAREST = 1e-3
+_WIDEST = 3.0
+"""Tangent of the angle from the axis beyond which no lens here sees."""
 
 _RAYS = 20
 """From the axis to a corner."""
@@ -79,15 +81,18 @@ class Projection(NamedTuple):
 
 
 def project(camera: Camera, rays: Array) -> Projection:
-    """Project rays (n, 3) of the camera frame; those beside or behind the camera as if just ahead of it.
+    """Project rays (n, 3) of the camera frame. Those beside or behind the camera stay where the widest angle is.
 
-    The distortion has at least the two coefficients k1 and k2.
+    Their Jacobians are 0: fifth powers of their tangents would outweigh all other points. The distortion has at least
+    the two coefficients k1 and k2.
     """
-    solid = np.column_stack([rays[:, :2], np.maximum(rays[:, 2], _NEAREST)])
+    ahead = np.maximum(rays[:, 2], np.linalg.norm(rays[:, :2], axis=1) / _WIDEST)
+    solid = np.column_stack([rays[:, :2], ahead])
     still, coefficients = np.zeros(3), np.array(camera.distortion)
     found, slopes = cv2.projectPoints(solid, still, still, camera.matrix, coefficients)
     # Columns of OpenCV: rotation and position of the points, focal lengths, principal point, distortion.
     by: Array = np.asarray(slopes, np.float64).reshape(len(rays), 2, -1)
+    by[ahead > rays[:, 2]] = 0.0
     scale = by[:, :, 6:8] @ np.array([[camera.fx], [camera.fy]])
     by_lens = np.concatenate([scale, by[:, :, 8 : 7 + len(LENS)]], axis=2)
     pixels = np.asarray(found, np.float64).reshape(-1, 2)
@@ -207,12 +212,8 @@ def updated(segment: Segment, equations: Equations, solved: Reduced, lens: Array
     everything = np.concatenate([poses, lens])
     rest = equations.point_right - equations.cross @ everything
     moves = poses.reshape(-1, 6)
-    turned = [
-        rotation @ cv2.Rodrigues(move[:3])[0]
-        for rotation, move in zip(segment.rotations, moves, strict=True)
-    ]
     return segment._replace(
-        rotations=np.array(turned),
+        rotations=segment.rotations @ Rotation.from_rotvec(moves[:, :3]).as_matrix(),
         centres=segment.centres + moves[:, 3:],
         points=segment.points + (solved.inverse @ rest[:, :, None])[:, :, 0],
     )
@@ -290,10 +291,8 @@ def _add_row(
 def _prior_residuals(segment: Segment) -> tuple[Array, Array]:
     """Of the turns (m - 1, 3) and of the lengths (m - 1,) of the steps, in their sigmas."""
     s = segment
-    turns = np.zeros((len(s.lengths), 3))
-    for k in np.flatnonzero(np.isfinite(s.turn_sigma)):
-        gap = s.turns[k].T @ s.rotations[k].T @ s.rotations[k + 1]
-        turns[k] = cv2.Rodrigues(gap)[0].ravel() / s.turn_sigma[k]
+    gaps = (s.rotations[:-1] @ s.turns).transpose(0, 2, 1) @ s.rotations[1:]
+    turns = Rotation.from_matrix(gaps).as_rotvec() / s.turn_sigma[:, None]  # 0 by inf
     found = np.linalg.norm(np.diff(s.centres, axis=0), axis=1)
     return turns, (found / s.lengths - 1) / LENGTH_SIGMA
 

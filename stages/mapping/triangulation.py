@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.geometry import cholesky_solve, meet_rays
+from wayside.stages.geometry import invert_symmetric, meet_rays
 from wayside.stages.kernels import Array, compiled, shaped
 
 CAUCHY_SIGMAS = 2.385
@@ -54,19 +54,13 @@ def triangulate_views(
 
     Raises ValueError where shapes do not fit or a sigma is not positive.
     """
+    n = len(rotations)
+    sigma = shaped(sigma, (n,))
+    if not (sigma > 0).all():
+        raise ValueError(f"a sigma is not positive: {sigma.min()}")
     views = Views(
-        shaped(rotations, (-1, 3, 3)),
-        shaped(centres, (-1, 3)),
-        shaped(rays, (-1, 2)),
-        shaped(sigma, (-1,)),
+        shaped(rotations, (n, 3, 3)), shaped(centres, (n, 3)), shaped(rays, (n, 2)), sigma
     )
-    counts = [len(column) for column in views]
-    if len(set(counts)) > 1:
-        raise ValueError(
-            f"rotations, centres, rays and sigmas differ in number: {', '.join(map(str, counts))}"
-        )
-    if not (views.sigma > 0).all():
-        raise ValueError(f"a sigma is not positive: {views.sigma.min()}")
     point, covariance = np.empty(3), np.empty((3, 3))
     triangulate(views, point, covariance)
     return point, covariance
@@ -76,39 +70,46 @@ def triangulate_views(
 def triangulate(views: Views, point: Array, covariance: Array) -> None:
     """Fill point (3,) and covariance (3, 3), see `triangulate_views`; it checks no shapes."""
     point[:], covariance[:] = np.nan, np.nan
+    inflation = _solve(views, point, covariance)
+    for i in range(3):
+        for j in range(3):
+            covariance[i, j] *= inflation
+
+
+@compiled
+def _solve(views: Views, point: Array, inverse: Array) -> float:
+    # Fills the point and the inverse of its normal equations; returns the factor of the latter by the residuals.
     normal = _Normal(np.empty((3, 3)), np.empty(3), np.empty(2))
+    other, trial = _Normal(np.empty((3, 3)), np.empty(3), np.empty(2)), np.empty(3)
     cost = _start(views, normal, point)
     if not np.isfinite(cost):
-        return
-    step, factor = np.empty(3), np.empty((3, 3))
+        return 1.0
+    _linearise(views, point, normal)
     for _ in range(POINT_ITERATIONS):
-        _linearise(views, point, normal)
-        factor[:] = normal.matrix
-        step[:] = normal.right
-        if not cholesky_solve(factor, step):
+        if not invert_symmetric(normal.matrix, 0.0, 0.0, inverse) > 0:
             break
-        before = cost
-        cost = _linearise(views, point + step, normal)
-        for _ in range(HALVINGS):
+        before, length, right = cost, 1.0, normal.right
+        for _ in range(HALVINGS + 1):
+            for i in range(3):
+                step = (
+                    inverse[i, 0] * right[0] + inverse[i, 1] * right[1] + inverse[i, 2] * right[2]
+                )
+                trial[i] = point[i] + length * step
+            cost = _linearise(views, trial, other)
             if cost <= before:
                 break
-            step /= 2
-            cost = _linearise(views, point + step, normal)
+            length /= 2
         if not cost <= before:
             break
-        point += step
+        point[0], point[1], point[2] = trial
+        normal, other = other, normal
         if before - cost <= POINT_GAIN * before:
             break
-    _linearise(views, point, normal)
+    if not invert_symmetric(normal.matrix, 0.0, 0.0, inverse) > 0:
+        return np.nan
     # 2 n measurements less 3 unknowns, each view counted by its weight
     freedom = 2.0 * normal.fit[1] - 3.0
-    inflation = max(1.0, normal.fit[0] / freedom) if freedom > 0 else 1.0
-    for i in range(3):
-        factor[:] = normal.matrix
-        step[:] = 0.0
-        step[i] = 1.0
-        if cholesky_solve(factor, step):
-            covariance[i] = step * inflation
+    return max(1.0, normal.fit[0] / freedom) if freedom > 0 else 1.0
 
 
 @compiled
@@ -132,7 +133,7 @@ def _start(views: Views, normal: _Normal, best: Array) -> float:
             cost = _linearise(views, point[0], normal)
             if cost < lowest:
                 lowest = cost
-                best[:] = point[0]
+                best[0], best[1], best[2] = point[0]
     return lowest
 
 

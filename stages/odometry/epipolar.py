@@ -33,7 +33,7 @@ class EpipolarFit(NamedTuple):
 
 
 class _Problem(NamedTuple):
-    """Rays (n, 2), prior and settings of a fit; tangent basis of the direction, Jacobians, normal equations."""
+    """Rays (n, 2), prior and settings of a fit; Jacobians, normal equations."""
 
     previous: Array
     current: Array
@@ -41,7 +41,6 @@ class _Problem(NamedTuple):
     focal_px: float
     sigma_px: float
     scale_px: float
-    basis: Array
     jacobian: Array
     normal: Array
     damped: Array
@@ -88,7 +87,7 @@ def fit_epipolar(
         )
         for _ in range(2)
     )
-    work = np.empty((2, 3)), np.empty((5, n + 6)), np.empty((5, 5)), np.empty((5, 5))
+    work = np.empty((5, n + 6)), np.empty((5, 5)), np.empty((5, 5))
     for scale in scales_px:
         problem = _Problem(
             previous, current, known, focal_px, sigma_px, scale, *work, np.empty(5), np.empty(5)
@@ -119,11 +118,10 @@ def sampson_px(
 
 @compiled
 def _move(problem: _Problem, estimate: _Estimate, rotation: Array, direction: Array) -> None:
-    # By `step` (5,): rotation vector, then along `basis` (2, 3). The direction stays of unit length: that holds the
+    # By `step` (5,): rotation vector, then at right angles to the direction, which stays of unit length: that holds the
     # baseline.
-    step, basis = problem.step, problem.basis
-    turn, last, centre = rotation_from_vector(step[:3]), estimate.rotations[1], estimate.centres[1]
-    square = 0.0
+    step, last, centre = problem.step, estimate.rotations[1], estimate.centres[1]
+    turn, basis, square = rotation_from_vector(step[:3]), tangent_basis(centre), 0.0
     for i in range(3):
         for j in range(3):
             rotation[i, j] = (
@@ -189,15 +187,14 @@ def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
 def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
     jacobian, normal, right = problem.jacobian, problem.normal, problem.right
     residuals, n = estimate.residuals, problem.previous.shape[0]
-    problem.basis[:] = tangent_basis(estimate.centres[1])
     rotations, centres = estimate.rotations.copy(), estimate.centres.copy()
     for k in range(5):
         problem.step[:] = 0.0
         problem.step[k] = DIFFERENCE_STEP
         _move(problem, estimate, rotations[1], centres[1])
         _residuals(problem, rotations, centres, jacobian[k])
-        jacobian[k] -= residuals
-        jacobian[k] /= DIFFERENCE_STEP
+        for i in range(n + 6):
+            jacobian[k, i] = (jacobian[k, i] - residuals[i]) / DIFFERENCE_STEP
     normal[:] = 0.0
     right[:] = 0.0
     for i in range(n + 6):
@@ -213,10 +210,11 @@ def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
 
 @compiled
 def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estimate) -> bool:
-    problem.damped[:] = problem.normal
     for k in range(5):
+        problem.step[k] = problem.right[k]
+        for m in range(k + 1):
+            problem.damped[k, m] = problem.normal[k, m]
         problem.damped[k, k] += damping * problem.normal[k, k] + 1e-9
-    problem.step[:] = problem.right
     if not cholesky_solve(problem.damped, problem.step):
         return False
     _move(problem, estimate, trial.rotations[1], trial.centres[1])

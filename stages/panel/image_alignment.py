@@ -142,7 +142,7 @@ def _gauss_newton(
                 right[k] -= prior * (x[k] - 1.0)
             if not cholesky_solve(normal, right):
                 return 0.0, 0.0
-            step[:] = right
+            step = right.copy()
             x += step
         if max(abs(x[0] - start_u), abs(x[1] - start_v)) > LARGEST_SHIFT:
             return 0.0, 0.0

@@ -136,7 +136,8 @@ def test_a_watch_keeps_a_bounded_number_of_segments(curve):
 def test_derivatives_of_a_projection_are_its_differences(distortion):
     camera = changed_camera(Camera(640, 480, 500.0, 510.0, 320.0, 240.0, distortion), np.zeros(5))
     rays = np.random.default_rng(1).uniform([-2, -2, 4], [2, 2, 8], (20, 3))
-    seen = project(camera, rays)
+    seen, beside = project(camera, rays), project(camera, np.array([[1.0, 0.0, 0.2]]))
+    assert not any(one.any() for one in beside[1:]), "a point beside the camera says something"
     lens, still = (camera.matrix, np.array(camera.distortion)), np.zeros(3)
     pixels, _ = cv2.projectPoints(rays, still, still, *lens)
     np.testing.assert_allclose(seen.pixels, pixels[:, 0], atol=1e-9)
