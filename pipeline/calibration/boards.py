@@ -9,9 +9,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import ListedColormap
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from wayside.pipeline.files.input_files import read_input
@@ -228,6 +225,11 @@ def draw_coverage(found: CalibratedImages) -> NDArray[np.uint8]:
     Blue is a residual of zero, red one of three times the RMS or more; grey corners are of views left out. Cells
     without a corner of a used view are shaded.
     """
+    # a run imports this module, and draws nothing
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.colors import ListedColormap
+    from matplotlib.figure import Figure
+
     camera, coverage = found.calibration.camera, coverage_of(found)
     largest = 3 * max(found.calibration.rms_px, 1e-9)
     residuals = np.concatenate([view.residuals for _, view in found.seen if view.used])
