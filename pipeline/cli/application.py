@@ -1,7 +1,6 @@
 """The program `wayside`. Heavy imports stand inside the commands, so that --help answers at once."""
 
 import sys
-from importlib.abc import MetaPathFinder
 from typing import Annotated
 
 import typer
@@ -49,20 +48,10 @@ def common(
         raise typer.Exit
 
 
-class WithoutPandas(MetaPathFinder):
-    """Hides pandas, which no command needs: pyarrow loads it for its first array, in 0.4 s and 40 MB."""
-
-    def find_spec(self, name: str, *_: object) -> None:
-        """Raise ModuleNotFoundError for pandas; others are found as usual."""
-        if name == "pandas":
-            raise ModuleNotFoundError(name=name)
-
-
 def main() -> None:
     """The command line; every error ends here with its words and exit status."""
     debug = "--debug" in sys.argv[1:]
     line = [word for word in sys.argv[1:] if word != "--debug"]
-    sys.meta_path.insert(0, WithoutPandas())
     open_standard_streams()
     interrupt_on_signals()
     try:

@@ -65,12 +65,6 @@ def test_a_shell_completes_commands():
     assert sorted(done.stdout.split()) == ["evaluate", "evidence"]
 
 
-def test_the_command_line_does_not_load_pandas():
-    after = "import sys, pyarrow; pyarrow.array([1]); print('pandas' in sys.modules)"
-    code = f"from wayside.pipeline.cli import main\ntry: main()\nexcept SystemExit: {after}"
-    assert python(code, "--version").stdout.endswith("False\n")
-
-
 def test_without_rerun_everything_but_the_viewer_is_there(tmp_path):
     code = (
         "import sys; sys.modules['rerun'] = None\n"
