@@ -65,8 +65,7 @@ def read_labels(
         else:
             labels = read_label_file(path)
     except (OSError, ParseError, *CONTENT_FAULTS) as error:
-        kind = "" if isinstance(error, OSError) else f"{type(error).__name__}: "
-        found = f"{kind}{error}"
+        found = str(error) if isinstance(error, OSError) else f"{type(error).__name__}: {error}"
         raise InputError(
             f"{path}: these are not labels (Parquet, COCO, YOLO, VOC or the truth of a drive): {found[:200]}. See "
             "docs/labels.md."

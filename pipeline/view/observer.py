@@ -4,6 +4,7 @@ import threading
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from queue import Full, Queue
 
@@ -222,20 +223,18 @@ def open_observer(
     A recording without images is laid over those of the log: in the coordinate frame that Rerun's importer gives.
     """
 
-    def file_stream() -> rr.RecordingStream:
-        stream = rr.RecordingStream(APPLICATION, recording_id=log)
-        stream.save(folder / RECORDING, default_blueprint=drive_layout())
-        return stream
-
-    def live_stream() -> rr.RecordingStream:
-        stream = rr.RecordingStream(APPLICATION, recording_id=log)
-        stream.connect_grpc(viewing.address, default_blueprint=drive_layout(live=True))
-        return stream
+    def stream(*, live: bool) -> rr.RecordingStream:
+        made, layout = rr.RecordingStream(APPLICATION, recording_id=log), drive_layout(live=live)
+        if live:
+            made.connect_grpc(viewing.address, default_blueprint=layout)
+        else:
+            made.save(folder / RECORDING, default_blueprint=layout)
+        return made
 
     recorders = []
     if viewing.file:
-        recorders.append(Recorder(RECORDING, file_stream, FILE_PATIENCE_S))
+        recorders.append(Recorder(RECORDING, partial(stream, live=False), FILE_PATIENCE_S))
     if viewing.address is not None:
-        recorders.append(Recorder(viewing.address, live_stream, 0.0))
+        recorders.append(Recorder(viewing.address, partial(stream, live=True), 0.0))
     plane = f"{report.camera_frame}_image_plane" if viewing.images == "none" else None
     return RerunObserver(recorders, location, viewing, plane)

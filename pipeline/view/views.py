@@ -57,10 +57,6 @@ PASSED_THROUGH = {"jpeg": "image/jpeg", "jpg": "image/jpeg", "png": "image/png"}
 LAST_STAGE, SIGN = "assemble", verdict_code("sign")
 
 
-class NoViewError(TypeError):
-    """A type of the flow has no function that shows it."""
-
-
 @dataclass(slots=True)
 class ViewState:
     """What is kept from frame to frame; except the options, only the thread of the ordered stages uses it."""
@@ -80,10 +76,10 @@ class ViewState:
 
 
 def entities_of(item: Any, stage: str, state: ViewState) -> tuple[Entity, ...]:
-    """Entities of an item that left a stage; raises NoViewError for a type that has no view."""
+    """Entities of an item that left a stage; raises TypeError for a type that has no view."""
     view = VIEWS.get(type(item))
     if view is None:
-        raise NoViewError(
+        raise TypeError(
             f"no view for {type(item).__name__}: add a function to pipeline/view/views.py"
         )
     return tuple(view(item, stage, state))
