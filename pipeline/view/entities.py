@@ -44,22 +44,16 @@ REJECTIONS, INVENTORY = "rejections", "inventory"
 MAP = "map"
 
 
-@dataclass(frozen=True, slots=True)
 class Entity:
     """Archetypes to log at one path."""
 
-    path: str
-    parts: tuple[Any, ...]
-
-
-def entity(path: str, *parts: Any) -> Entity:
-    """An entity of these archetypes."""
-    return Entity(path, parts)
+    def __init__(self, path: str, *parts: Any) -> None:
+        self.path, self.parts = path, parts
 
 
 def cleared(path: str, *, recursive: bool = False) -> Entity:
     """Nothing at a path, and with `recursive` below it, from now on."""
-    return Entity(path, (rr.Clear(recursive=recursive),))
+    return Entity(path, rr.Clear(recursive=recursive))
 
 
 @dataclass(frozen=True, slots=True)

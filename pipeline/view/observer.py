@@ -16,7 +16,7 @@ from wayside.pipeline.results.inventory import WrittenTables
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.blueprint import drive_layout
 from wayside.pipeline.view.closing import closing, opening
-from wayside.pipeline.view.entities import APPLICATION, Batch, Entity, Times, entity
+from wayside.pipeline.view.entities import APPLICATION, Batch, Entity, Times
 from wayside.pipeline.view.views import LAST_STAGE, ViewState, active_landmarks, entities_of
 from wayside.pipeline.workers import Item
 from wayside.schemas.frame import Frame
@@ -210,7 +210,7 @@ class RerunObserver:
             new = sorted(paths - self._planed)
             self._planed |= paths
             frame = rr.CoordinateFrame(self._plane)
-            batches = [Batch(None, tuple(entity(path, frame) for path in new)), *batches]
+            batches = [Batch(None, tuple(Entity(path, frame) for path in new)), *batches]
         for recorder in self._recorders:
             recorder.put(batches)
 
