@@ -150,8 +150,7 @@ def labels_by_frame(
 
     kept: defaultdict[int, list[Label]] = defaultdict(list)
     for label in labels.labels:
-        frame = frame_of(label.image)
-        if frame is not None:
+        if (frame := frame_of(label.image)) is not None:
             kept[frame].append(label)
     complete = (frame_of(image) for image in labels.complete)
     return FrameLabels(
