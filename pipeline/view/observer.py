@@ -194,7 +194,8 @@ class RerunObserver:
     def _send_posed(self, frame: Frame, item: PosedDetections) -> None:
         with self._lock:
             found = self._waiting.pop(frame.index, [])
-        times = Times.of(frame, None if item.motion is None else item.motion.station_m)
+        station_m = None if item.motion is None else item.motion.station_m
+        times = Times(frame.index, frame.time_ns, frame.log_time_ns, station_m)
         if item.motion is not None:
             self._times[frame.index] = times
         if self._state.images == "signs":
