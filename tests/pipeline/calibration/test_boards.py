@@ -17,16 +17,17 @@ from wayside.stages.calibration import Board
 
 from ..conftest import with_exif
 from ..results import invoke
+from .conftest import board_poses
 
 REAL = Path(__file__).parents[4] / "shared" / "data" / "real" / "checkerboard_9x6"
 BOARD = Board(9, 6, 0.0254)
 
 
 @pytest.fixture(scope="module")
-def boards(renderer, poses, tmp_path_factory):
+def boards(renderer, tmp_path_factory):
     """Nine rendered views of a board, and what else lies in such a folder."""
     folder = tmp_path_factory.mktemp("boards")
-    for i, (rotation, shift) in enumerate(poses(9, 32.0)):
+    for i, (rotation, shift) in enumerate(board_poses(9, 32.0)):
         cv2.imwrite(str(folder / f"board{i}.png"), renderer(rotation, shift, i))
     cut = cv2.imread(str(folder / "board0.png"), cv2.IMREAD_GRAYSCALE)
     corners = cv2.findChessboardCornersSB(cut, (9, 6))[1].reshape(-1, 2)
@@ -93,8 +94,8 @@ def test_a_view_with_wrong_corners_is_left_out(renderer, boards, tmp_path):
     assert "left out" in format_boards(found)
 
 
-def test_boards_parallel_to_the_image_are_refused(renderer, poses, tmp_path):
-    for i, (rotation, shift) in enumerate(poses(4, 0.0)):
+def test_boards_parallel_to_the_image_are_refused(renderer, tmp_path):
+    for i, (rotation, shift) in enumerate(board_poses(4, 0.0)):
         cv2.imwrite(str(tmp_path / f"{i}.png"), renderer(rotation, shift, i))
     with pytest.raises(InputError, match=r"focal length.*standard error.*tilted by"):
         calibrate_images([tmp_path], BOARD, "plumb_bob")
