@@ -120,12 +120,11 @@ def _estimate(log: Path, guess: Camera | None, settings: Settings) -> DriveCalib
 def _plan(log: Path, settings: ReadSettings) -> tuple[ReadSettings, str, tuple[int, int]]:
     """Settings by which the log can be read, the source of the calibration given, and the size of the images."""
     check_settings(settings)
-    spaced = settings.spacing_m > 0
     survey = survey_log(log, settings.camera)
     try:
         plan = make_plan(survey, settings, _SOME_CAMERA)
     except InputError:
-        if spaced:
+        if settings.spacing_m > 0:
             raise
         # The lens does not depend on the lengths of steps: any will do.
         settings = replace(settings, spacing_m=max(settings.thin_m, 1.0))

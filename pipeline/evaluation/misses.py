@@ -97,7 +97,9 @@ def miss_cause(
             continue
         furthest = "no_candidate", NO_CANDIDATE, 0.0
         for row, shared in candidates.on(frame, box):
-            step = _step(row)
+            step = _STEP_OF_VERDICT.get(row["verdict"], "refused")
+            if row["verdict"] == "moving" and row["track_id"] is None:
+                step = "not_followed"
             if step == "reported" and row["sign_id"] is not None:
                 on_it[row["sign_id"]] += 1
             if (_ORDER.index(step), shared) > (_ORDER.index(furthest[0]), furthest[2]):
@@ -114,13 +116,6 @@ def miss_cause(
     if reason == "sign":
         reason = OTHER_SIGN if distance is None else MISPLACED
     return MissCause(face.id, step, reason, views, sign_id, distance)
-
-
-def _step(row: Row) -> str:
-    verdict = row["verdict"]
-    if verdict == "moving" and row["track_id"] is None:
-        return "not_followed"
-    return _STEP_OF_VERDICT.get(verdict, "refused")
 
 
 def cause_words(cause: MissCause) -> str:

@@ -70,9 +70,8 @@ def load_settings(
         changed = replace(getattr(settings, group), **{name: read})
         settings = replace(settings, **{group: changed})
         origins[full] = origin
-    for impossible, words in _contradictions(settings):
-        if impossible:
-            raise UsageError(words)
+    for words in _contradictions(settings):
+        raise UsageError(words)
     return settings, origins
 
 
@@ -195,60 +194,51 @@ def _nearest(name: str, known: Collection[str]) -> str:
     return f"; did you mean {near[0]}?" if near else ""
 
 
-def _contradictions(settings: Settings) -> Iterator[tuple[bool, str]]:
-    """Pairs of values that are impossible together: whether the settings have them, and the message."""
+def _contradictions(settings: Settings) -> Iterator[str]:
+    """Which values are impossible together, in words."""
     gate, read, track, report = settings.gate, settings.read, settings.track, settings.report
     route, models = settings.route, settings.models
-    yield (
-        gate.smallest_px > gate.largest_px,
-        f"gate.smallest_px ({gate.smallest_px}) is above gate.largest_px ({gate.largest_px}): no region could pass",
-    )
-    yield (
-        0 < read.until_s <= read.from_s,
-        f"read.until_s ({read.until_s:g}) must be after read.from_s ({read.from_s:g}); 0 means to the end",
-    )
-    yield (
-        bool(models.detector and models.detections),
-        "boxes have one source, but models.detector and models.detections are given. Give one.",
-    )
-    yield (
-        report.on and bool(models.detector or models.detections),
-        f"models.{'detector' if models.detector else 'detections'} replaces the detector of preset default; the "
-        "presets of the report have no other than their own: leave one of them out",
-    )
-    yield (
-        bool(models.classes) and not (models.detector or models.detections),
-        "models.classes says which classes of a detector are signs; give --detector or --detections as well",
-    )
-    yield (
-        not report.on and (report.shape or report.trajectory != "off"),
-        f"report.{'shape' if report.shape else 'trajectory'} is a gate of the report's own chain; choose preset "
-        "report, report-2d or report-shape for it",
-    )
+    if gate.smallest_px > gate.largest_px:
+        yield (
+            f"gate.smallest_px ({gate.smallest_px}) is above gate.largest_px ({gate.largest_px}): "
+            "no region could pass"
+        )
+    if 0 < read.until_s <= read.from_s:
+        yield f"read.until_s ({read.until_s:g}) must be after read.from_s ({read.from_s:g}); 0 means to the end"
+    if models.detector and models.detections:
+        yield "boxes have one source, but models.detector and models.detections are given. Give one."
+    if report.on and (models.detector or models.detections):
+        yield (
+            f"models.{'detector' if models.detector else 'detections'} replaces the detector of preset default; the "
+            "presets of the report have no other than their own: leave one of them out"
+        )
+    if models.classes and not (models.detector or models.detections):
+        yield "models.classes says which classes of a detector are signs; give --detector or --detections as well"
+    if not report.on and (report.shape or report.trajectory != "off"):
+        yield (
+            f"report.{'shape' if report.shape else 'trajectory'} is a gate of the report's own chain; choose preset "
+            "report, report-2d or report-shape for it"
+        )
     by_milepost = route.milepost >= 0
-    yield (
-        by_milepost and bool(route.file),
-        "a milepost (route.milepost) and lines with measures (route.file) are given. Give one.",
-    )
-    yield (
-        bool(route.name) and not (by_milepost or route.file),
-        f"route.name ({route.name}): the measure where the drive begins is missing. Add --milepost 12.35, or --routes "
-        "FILE with its lines.",
-    )
-    yield (
-        by_milepost and not route.name,
-        f"route.milepost ({route.milepost:g}): its route is missing. Add --route 'US-36 EB'.",
-    )
-    yield (
-        route.decreasing and not by_milepost,
-        "route.decreasing: there is no milepost that this belongs to. Add --milepost 12.35; lines with measures need "
-        "no direction.",
-    )
-    yield (
-        track.fewest_views > track.longest,
-        f"track.fewest_views ({track.fewest_views}) is above track.longest ({track.longest}): "
-        "no sign could be reported",
-    )
+    if by_milepost and route.file:
+        yield "a milepost (route.milepost) and lines with measures (route.file) are given. Give one."
+    if route.name and not (by_milepost or route.file):
+        yield (
+            f"route.name ({route.name}): the measure where the drive begins is missing. Add --milepost 12.35, or "
+            "--routes FILE with its lines."
+        )
+    if by_milepost and not route.name:
+        yield f"route.milepost ({route.milepost:g}): its route is missing. Add --route 'US-36 EB'."
+    if route.decreasing and not by_milepost:
+        yield (
+            "route.decreasing: there is no milepost that this belongs to. Add --milepost 12.35; lines with measures "
+            "need no direction."
+        )
+    if track.fewest_views > track.longest:
+        yield (
+            f"track.fewest_views ({track.fewest_views}) is above track.longest ({track.longest}): "
+            "no sign could be reported"
+        )
 
 
 def _toml(value: Any) -> str:

@@ -37,10 +37,6 @@ UNWRITABLE = (*_ADVICE, errno.EROFS)
 IsOwn = Callable[[Path], bool]
 
 
-def _is_never_own(path: Path) -> bool:
-    return False
-
-
 def not_written(
     path: Path,
     error: OSError,
@@ -104,7 +100,9 @@ def refuse(path: Path, found: str) -> OutputError:
     )
 
 
-def require_free(path: Path, *, is_own: IsOwn = _is_never_own, overwrite: bool = False) -> None:
+def require_free(
+    path: Path, *, is_own: IsOwn = lambda path: False, overwrite: bool = False
+) -> None:
     """Refuse before long work what `whole_file` would refuse after it (OutputError): a file of the user."""
     if path.is_file() and not is_stream(path) and not overwrite and not is_own(path):
         raise refuse(path, "another file")
@@ -112,7 +110,7 @@ def require_free(path: Path, *, is_own: IsOwn = _is_never_own, overwrite: bool =
 
 @contextmanager
 def whole_file(
-    path: Path, *, is_own: IsOwn = _is_never_own, overwrite: bool = False
+    path: Path, *, is_own: IsOwn = lambda path: False, overwrite: bool = False
 ) -> Iterator[BinaryIO]:
     """A file to write, which appears under its name, synced, when the block ends without an error.
 
@@ -155,7 +153,7 @@ def _remove(stream: BinaryIO, scratch: Path) -> None:
 
 
 def write_file(
-    path: Path, content: bytes, *, is_own: IsOwn = _is_never_own, overwrite: bool = False
+    path: Path, content: bytes, *, is_own: IsOwn = lambda path: False, overwrite: bool = False
 ) -> None:
     """Write a file at once. Takes and raises the same as `whole_file`."""
     with whole_file(path, is_own=is_own, overwrite=overwrite) as stream:

@@ -65,8 +65,7 @@ def read_labels(
         else:
             labels = read_label_file(path)
     except (OSError, ParseError, *CONTENT_FAULTS) as error:
-        kind = "" if isinstance(error, OSError) else f"{type(error).__name__}: "
-        found = f"{kind}{error}"
+        found = str(error) if isinstance(error, OSError) else f"{type(error).__name__}: {error}"
         raise InputError(
             f"{path}: these are not labels (Parquet, COCO, YOLO, VOC or the truth of a drive): {found[:200]}. See "
             "docs/labels.md."
@@ -151,8 +150,7 @@ def labels_by_frame(
 
     kept: defaultdict[int, list[Label]] = defaultdict(list)
     for label in labels.labels:
-        frame = frame_of(label.image)
-        if frame is not None:
+        if (frame := frame_of(label.image)) is not None:
             kept[frame].append(label)
     complete = (frame_of(image) for image in labels.complete)
     return FrameLabels(

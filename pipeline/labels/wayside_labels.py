@@ -1,5 +1,6 @@
 """Labels in wayside's own formats: the truth of rendered drives, hand-made boxes, marks, and the Parquet file."""
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -100,14 +101,14 @@ def _read_real(labels: Entry, source: str) -> Labels:
         return LabelledImage(log, frame, None, None, (int(width), int(height)))
 
     for sign in labels["signs"]:
-        named = {word for word in _first_words(sign["shape"]) if word in SHAPES}
+        named = set(re.split(r"[\s()]+", sign["shape"].split(",")[0])) & set(SHAPES)
         for entry in sign.get("boxes", ()):
             found.add(
                 image(entry["i"]),
                 BACK if sign["facing"] == "back" else SIGN,
                 _to_edges(entry["box"]),
                 sign["colour"],
-                named.copy().pop() if len(named) == 1 else None,
+                min(named) if len(named) == 1 else None,
                 panel=sign["id"],
                 wanted=bool(sign["wanted"]),
                 note=sign["what"],
@@ -148,10 +149,6 @@ def _read_marks(marks: Entry) -> Labels:
 
 def _to_edges(numbers: Sequence[float]) -> list[float]:
     return [float(number) + _TO_EDGES for number in numbers]
-
-
-def _first_words(text: str) -> list[str]:
-    return text.split(",")[0].replace("(", " ").replace(")", " ").split()
 
 
 def write_labels(labels: Labels, path: Path, *, overwrite: bool = False) -> None:

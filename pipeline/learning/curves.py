@@ -155,14 +155,9 @@ class RocCurve:
         if min((every > 0).sum(axis=1)) < 2:
             return Bands()
         weight = resamplings(every.shape[1])
-        totals = np.stack([weight @ every[kind] for kind in (0, 1)])
+        totals = every @ weight.T
         usable = (totals > 0).all(axis=0)  # a resampling may have no sign, or nothing else
-        rates = np.stack(
-            [
-                (weight[usable] @ self.accepted[kind, :, :-1]) / totals[kind, usable, None]
-                for kind in (0, 1)
-            ]
-        )
+        rates = weight[usable] @ self.accepted[:, :, :-1] / totals[:, usable, None]
         fpr, tpr = np.quantile(rates, TAILS, axis=1).transpose(1, 2, 0)
         area = Interval(*np.quantile(area_under(*rates), TAILS).tolist())
         knees = self.threshold[np.argmax(rates[1] - rates[0], axis=1)]

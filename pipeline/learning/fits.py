@@ -238,11 +238,6 @@ def held_out_log_density(
     return total
 
 
-def counts_of(samples: Samples) -> NDArray[np.int64]:
-    """The weights of samples as counts (n,): `VIEWS` a sign."""
-    return np.asarray(np.rint(VIEWS * samples.weights()), np.int64)
-
-
 def score_held_out(
     samples: Samples, names: Sequence[str], distance: Values, ratio: Values, alpha: float
 ) -> Held:
@@ -251,7 +246,8 @@ def score_held_out(
     Intervals are percentiles over resamplings of the stretches, with all that is in them.
     """
     others = np.asarray(samples.kind == "")
-    count, score, limit = counts_of(samples), ratio.max(axis=1), np.full(len(samples), np.inf)
+    count = np.asarray(np.rint(VIEWS * samples.weights()), np.int64)
+    score, limit = ratio.max(axis=1), np.full(len(samples), np.inf)
     for held in _folds(samples):
         rest = ~held
         if (others & rest).any() and (~others & rest).any():

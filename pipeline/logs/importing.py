@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
+from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from mcap_protobuf.writer import Writer
 
 from wayside.pipeline.files.input_files import read_input
 from wayside.pipeline.files.writing import whole_file
-from wayside.pipeline.logs.positions import place_images
+from wayside.pipeline.logs.positions import place_images, utc
 from wayside.pipeline.reading.calibrations import read_camera_file
 from wayside.pipeline.reading.image_headers import refuse_turned
 from wayside.pipeline.reading.image_order import (
@@ -210,8 +210,7 @@ def _warnings(files: list[Path], counts: list[int], copies: dict[Path, Path]) ->
 
 
 def _utc_ns(time: datetime) -> int:
-    utc = time if time.tzinfo else time.replace(tzinfo=UTC)
-    return int(utc.timestamp()) * SECOND_NS + utc.microsecond * 1000
+    return int(utc(time).timestamp()) * SECOND_NS + time.microsecond * 1000
 
 
 def _times_of(images: list[ImageFile], counts: list[int], begin_ns: int) -> list[int]:

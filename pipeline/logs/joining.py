@@ -4,6 +4,7 @@ import hashlib
 import os
 import tempfile
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -62,7 +63,8 @@ def join_logs(paths: list[Path], out: Path, *, overwrite: bool = False) -> Joine
                 if made:
                     file.unlink()
         writer.finish()
-    return JoinedLog(tuple(parts), writer.messages, len(writer.channels), tuple(lost))
+    topics = writer.channel.cache_info().currsize
+    return JoinedLog(tuple(parts), writer.messages, topics, tuple(lost))
 
 
 def joined_log(path: Path) -> Path | None:
@@ -165,8 +167,8 @@ class _Joiner:
     def __init__(self, stream: BinaryIO) -> None:
         self._writer = Writer(stream, compression=CompressionType.LZ4)
         self._writer.start(library="wayside")
-        self._schemas: dict[tuple[str, str, bytes], int] = {}
-        self.channels: dict[tuple[str, str, int], int] = {}
+        self._schema = cache(self._writer.register_schema)
+        self.channel = cache(self._writer.register_channel)
         self.messages = 0
 
     def add(self, part: Path, report: ScanReport) -> None:
@@ -187,13 +189,6 @@ class _Joiner:
         self._writer.finish()  # type: ignore[no-untyped-call]
 
     def _channel(self, channel: Channel) -> int:
-        number = 0
-        if (schema := channel.schema) is not None:
-            kind = schema.name, schema.encoding, schema.data
-            if kind not in self._schemas:
-                self._schemas[kind] = self._writer.register_schema(*kind)
-            number = self._schemas[kind]
-        key = channel.topic, channel.encoding, number
-        if key not in self.channels:
-            self.channels[key] = self._writer.register_channel(*key)
-        return self.channels[key]
+        one = channel.schema
+        schema = 0 if one is None else self._schema(one.name, one.encoding, one.data)
+        return self.channel(channel.topic, channel.encoding, schema)

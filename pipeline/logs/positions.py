@@ -13,12 +13,11 @@ from wayside.pipeline.files.parsing import CONTENT_FAULTS, read_csv
 from wayside.pipeline.files.route_file import open_routes
 from wayside.pipeline.reading.image_headers import Place
 from wayside.pipeline.reading.image_order import ImageFile
+from wayside.pipeline.reading.series import WIDEST_GAP_S
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.settings import RouteSettings
 from wayside.stages.kernels import Array
 
-WIDEST_GAP_S = 5.0
-"""Nothing is interpolated across a longer silence of a track: a vehicle may turn meanwhile."""
 _QUARTER_S = 900
 """Time zones differ by multiples of this."""
 _ZONES = range(-48, 57)
@@ -95,9 +94,9 @@ def _along(
         raise InputError(
             f"{file}: positions of a track need the time of each image, and no image has one (Exif)."
         )
-    ordered = sorted((_utc(time).timestamp(), place) for time, place in track)
+    ordered = sorted((utc(time).timestamp(), place) for time, place in track)
     at, places = np.array([time for time, _ in ordered]), np.array([one for _, one in ordered])
-    taken = np.array([_utc(time).timestamp() for time in dated.values()])
+    taken = np.array([utc(time).timestamp() for time in dated.values()])
     if track[0][0].tzinfo and not any(time.tzinfo for time in dated.values()):
         taken = taken + _zone(taken, at, file)
     after = np.searchsorted(at, taken).clip(1, max(len(at) - 1, 1))
@@ -111,7 +110,8 @@ def _along(
     }
 
 
-def _utc(time: datetime) -> datetime:
+def utc(time: datetime) -> datetime:
+    """A time with its zone, UTC where it has none."""
     return time if time.tzinfo else time.replace(tzinfo=UTC)
 
 

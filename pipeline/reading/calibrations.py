@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from wayside.pipeline.files.input_files import decoded, open_input
 from wayside.pipeline.files.parsing import CONTENT_FAULTS, YamlLoader, parse_yaml
@@ -25,10 +26,7 @@ _BROWN_LENSES = frozenset(
     ("", "plumb_bob", "rational_polynomial", "radtan", "radial_tangential", "brown_conrady")
 )
 _PINHOLES = frozenset(
-    (
-        *("none", "pinhole", "perspective", "undistorted", "rectified"),
-        *("inverse_brown_conrady", "modified_brown_conrady"),
-    )
+    "none pinhole perspective undistorted rectified inverse_brown_conrady modified_brown_conrady".split()
 )
 """Models without distortion, and two of RealSense that have none if all coefficients are zero."""
 _COEFFICIENTS = (0, 4, 5, 8, 12, 14)
@@ -60,10 +58,7 @@ _OPENCV_HEAD = re.compile(r"\A\ufeff?%YAML[^\n]*\n")
 """First line of OpenCV: `%YAML:1.0` up to its version 4 is no YAML directive, and 1.2 one that PyYAML warns of."""
 _SIZE_KEYS = (("image_width", "image_height"), ("image_Width", "image_Height"), ("width", "height"))
 _MATRIX_KEYS = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "K")
-_LENS_KEYS = (
-    *("distortion_coefficients", "Distortion_Coefficients"),
-    *("distCoeffs", "dist_coeffs", "D"),
-)
+_LENS_KEYS = "distortion_coefficients Distortion_Coefficients distCoeffs dist_coeffs D".split()
 
 Size = tuple[int, int]
 Matrix = tuple[float, ...]
@@ -320,25 +315,24 @@ def format_camera(camera: Camera, name: str, comments: Sequence[str] = ()) -> st
     projection that of the camera matrix.
     """
     c = camera
-    matrix = [c.fx, 0.0, c.cx, 0.0, c.fy, c.cy, 0.0, 0.0, 1.0]
-    projection = [c.fx, 0.0, c.cx, 0.0, 0.0, c.fy, c.cy, 0.0, 0.0, 0.0, 1.0, 0.0]
-    distortion = list(c.distortion or (0.0,) * 5)
+    distortion = np.array([c.distortion or (0.0,) * 5], np.float64)
     content = {
         "image_width": c.width,
         "image_height": c.height,
         "camera_name": name,
-        "camera_matrix": _matrix(3, 3, matrix),
-        "distortion_model": "plumb_bob" if len(distortion) <= 5 else "rational_polynomial",
-        "distortion_coefficients": _matrix(1, len(distortion), distortion),
-        "rectification_matrix": _matrix(3, 3, [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]),
-        "projection_matrix": _matrix(3, 4, projection),
+        "camera_matrix": _matrix(c.matrix),
+        "distortion_model": "plumb_bob" if distortion.size <= 5 else "rational_polynomial",
+        "distortion_coefficients": _matrix(distortion),
+        "rectification_matrix": _matrix(np.eye(3)),
+        "projection_matrix": _matrix(np.pad(c.matrix, ((0, 0), (0, 1)))),
     }
     head = "".join(f"# {visible(line)}\n" for line in comments)
     return head + yaml.safe_dump(content, sort_keys=False, width=1000, default_flow_style=None)
 
 
-def _matrix(rows: int, columns: int, data: list[float]) -> dict[str, int | list[float]]:
-    return {"rows": rows, "cols": columns, "data": [float(value) for value in data]}
+def _matrix(values: NDArray[np.float64]) -> dict[str, Any]:
+    rows, columns = values.shape
+    return {"rows": rows, "cols": columns, "data": values.ravel().tolist()}
 
 
 def _numbers(entry: Any) -> tuple[float, ...]:

@@ -111,7 +111,9 @@ def in_order(
     for image in images:
         folders.setdefault(image.path.parent, []).append(image)
     held = [sorted(folder, key=lambda i: natural_key(i.path)) for folder in folders.values()]
-    dates = _dates(images)
+    dates = {image.path: image.exif.taken for image in images if image.exif.taken is not None}
+    if not all(date.tzinfo for date in dates.values()):  # offsets count where all have one
+        dates = {path: date.replace(tzinfo=None) for path, date in dates.items()}
     if forced == "name":
         return list(chain.from_iterable(_folders(held, {})))
     if forced == "date":
@@ -130,13 +132,6 @@ def in_order(
     if dated != by_date:
         raise _contradiction(dated, by_date)
     return ordered
-
-
-def _dates(images: Sequence[ImageFile]) -> dict[Path, datetime]:
-    """Dates of capture of the images that have one; offsets count where all have one."""
-    taken = {image.path: image.exif.taken for image in images if image.exif.taken is not None}
-    zoned = all(date.tzinfo for date in taken.values())
-    return taken if zoned else {path: d.replace(tzinfo=None) for path, d in taken.items()}
 
 
 def _counter_order(

@@ -14,7 +14,7 @@ from wayside.schemas.frame import EARTH_RADIUS_M, Pose
 from wayside.stages.geometry import median_longitude_deg, turn_deg
 from wayside.stages.odometry import CameraPath
 
-_WIDEST_GAP_S = 5.0
+WIDEST_GAP_S = 5.0
 """Nothing is interpolated across a longer silence: a vehicle may turn meanwhile."""
 _CARRIED_S, _CARRIED_GAPS = 0.1, 10.0
 """The last motion is carried on so far, and by so many gaps at most: its errors grow by as much."""
@@ -125,7 +125,7 @@ def interpolate(samples: Samples, time_ns: Integers) -> Interpolated:
     gap = (second - first) * 1e-9
     outside = np.maximum(first - time_ns, time_ns - second) * 1e-9
     farthest = np.minimum(_CARRIED_S, _CARRIED_GAPS * gap)
-    known = exact | ((gap > 0) & (gap <= _WIDEST_GAP_S) & (outside <= farthest))
+    known = exact | ((gap > 0) & (gap <= WIDEST_GAP_S) & (outside <= farthest))
     part = np.where(gap > 0, (time_ns - first) * 1e-9 / np.where(gap > 0, gap, 1.0), 0.0)
     part = np.where(exact & (before == place), 0.0, part)
     a, b = samples.value[before], samples.value[after]

@@ -1,6 +1,7 @@
 """What a log holds: its topics with the first message of each that matters, times and positions of all messages."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -219,10 +220,8 @@ def _fail(topic: Topic, offset: int, why: str) -> None:
 
 
 def _take_metadata(survey: LogSurvey, record: Metadata) -> None:
-    if record.name == NAMES_METADATA:
-        survey.image_names.update(record.metadata)
-    if record.name == DATES_METADATA:
-        survey.image_dates.update(record.metadata)
+    texts = {NAMES_METADATA: survey.image_names, DATES_METADATA: survey.image_dates}
+    texts.get(record.name, {}).update(record.metadata)
     if record.name != METADATA_NAME:
         return
     try:
@@ -238,8 +237,5 @@ def _take_attachment(survey: LogSurvey, record: Attachment) -> None:
     """Read an attached calibration: a text with its words, and none after the first."""
     if b"camera_matrix" not in record.data or survey.attached is not None:
         return
-    try:
-        camera = parse_camera(record.data.decode("utf-8"), record.name)
-        survey.attached = record.name, camera
-    except (UnicodeDecodeError, InputError):
-        return  # some other file
+    with suppress(UnicodeDecodeError, InputError):  # some other file
+        survey.attached = record.name, parse_camera(record.data.decode("utf-8"), record.name)

@@ -134,9 +134,8 @@ def _rows(context: Any, data: memoryview, sequence: SequenceSet) -> memoryview |
     if len(frames) != 1 or frames[0].is_corrupt:
         return None
     pixels = frames[0].to_ndarray(format="rgb24")
-    return (
-        pixels.reshape(-1).data if pixels.shape[:2] == (sequence.height, sequence.width) else None
-    )
+    fits = pixels.shape[:2] == (sequence.height, sequence.width)
+    return pixels.reshape(-1).data if fits else None
 
 
 def new_context(sequence: SequenceSet) -> Any:

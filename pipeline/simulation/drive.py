@@ -128,6 +128,7 @@ class SimulatedDrive:
 
     def __init__(self, survey: Survey) -> None:
         self.survey, self.camera = survey, survey.camera
+        self._middle = np.array([self.camera.cx, self.camera.cy])
         self._rng = np.random.default_rng(survey.seed)
         rng, first = self._rng, 40.0 + SIGN_REACH_M
         self.sign_station = first + survey.signs_every_m * (
@@ -184,10 +185,6 @@ class SimulatedDrive:
     def depth(self, index: int, points: Array) -> Array:
         """Distance (n,) of points of the world (n, 3) ahead of the camera of an image."""
         return np.asarray(self.poses[index].to_camera(points)[:, 2])
-
-    @property
-    def _middle(self) -> Array:
-        return np.array([self.camera.cx, self.camera.cy])
 
     def _pose(self, station: float) -> Pose:
         s, rng = self.survey, self._rng

@@ -244,16 +244,11 @@ def _bounds(drive: SimulatedDrive, signs: Sequence[int]) -> Array:
     """Bounds (n, 3) of signs as standard deviations along, lateral, up."""
     survey = drive.survey
     steps = np.full((len(drive.poses), 6, 6), np.nan)
-    shows: dict[int, list[int]] = {sign: [] for sign in signs}
-    for frame, seen in enumerate(drive.seen):
-        for sign in seen.sign:
-            if int(sign) in shows:
-                shows[int(sign)].append(frame)
     offset = np.diag([(survey.face_share * survey.panel_m) ** 2] * 2 + [0.0])
     given = None if survey.pose_m is None else (survey.pose_m, radians(survey.pose_deg))
     result = np.empty((len(signs), 3))
     for i, sign in enumerate(signs):
-        frames = np.array(shows[sign])
+        frames = np.flatnonzero([sign in seen.sign for seen in drive.seen])
         span = np.arange(frames[0], frames[-1] + 1)
         for frame in span[1:]:
             if np.isnan(steps[frame, 0, 0]):

@@ -24,7 +24,7 @@ from wayside.pipeline.view.drawing import (
     landmark_words,
     panel_rotation,
 )
-from wayside.pipeline.view.entities import Batch, Entity, Times, cleared, entity
+from wayside.pipeline.view.entities import Batch, Entity, Times, cleared
 from wayside.pipeline.view.views import AFTER, BEFORE, ITERATIONS_SHOWN, ViewState
 from wayside.schemas.detections import SOURCES, Dropped
 from wayside.schemas.landmarks import Landmark
@@ -51,21 +51,21 @@ GROUND_INK = (150, 110, 60)
 
 def opening(location: GaussianModel) -> Batch:
     """What holds for the whole drive: axes of the world, ellipses of the location model, names of series."""
-    found = [entity(at.WORLD, rr.ViewCoordinates.RDF)]
+    found = [Entity(at.WORLD, rr.ViewCoordinates.RDF)]
     for one in location.classes:
         ring = across_the_road(_ellipse(one.mean, one.covariance))
         strip = rr.LineStrips2D([ring], colors=[GREY], labels=[one.name], radii=THIN)
-        found.append(entity(f"{at.LOCATION}/{one.name}", strip))
-    found.append(entity(at.ITERATIONS, rr.SeriesLines(names=STEPS)))
+        found.append(Entity(f"{at.LOCATION}/{one.name}", strip))
+    found.append(Entity(at.ITERATIONS, rr.SeriesLines(names=STEPS)))
     for stage, names in GATE_NAMES.items():
         lines = rr.SeriesLines(names=[f"{stage}: {name}" for name in names])
-        found.append(entity(f"{at.GATES}/{stage}", lines))
+        found.append(Entity(f"{at.GATES}/{stage}", lines))
     for name, ink in (("straight", BEFORE), ("adjusted", AFTER)):
         lines = rr.SeriesLines(colors=[ink], names=[name])
-        found.append(entity(f"{at.RESIDUALS}/{name}", lines))
+        found.append(Entity(f"{at.RESIDUALS}/{name}", lines))
     for name, ink in (("before", BEFORE), ("after", AFTER)):
         dots = rr.SeriesPoints(colors=[ink], names=[name])
-        found.append(entity(f"{at.WINDOW_RESIDUALS}/{name}", dots))
+        found.append(Entity(f"{at.WINDOW_RESIDUALS}/{name}", dots))
     return Batch(None, tuple(found))
 
 
@@ -89,11 +89,11 @@ def closing(
         name = " ".join(filter(None, (row["sign_id"], code_of(row))))
         yield from _chain(part, name, sign.landmark, state, times)
         figures = rr.TextDocument(sign_figures(row), media_type="text/markdown")
-        found = [entity(f"{at.SIGN_FIGURES}/{part}", figures)]
+        found = [Entity(f"{at.SIGN_FIGURES}/{part}", figures)]
         pictures, history = state.measured.get(sign.landmark.track_id, ({}, ()))
-        found += [entity(f"{at.SIGN_PANELS}/{part}/{name}", one) for name, one in pictures.items()]
+        found += [Entity(f"{at.SIGN_PANELS}/{part}/{name}", one) for name, one in pictures.items()]
         if history:
-            found.append(entity(f"{at.SIGN_ITERATIONS}/{part}", rr.BarChart(np.array(history))))
+            found.append(Entity(f"{at.SIGN_ITERATIONS}/{part}", rr.BarChart(np.array(history))))
         yield Batch(None, tuple(found))
 
 
@@ -101,17 +101,17 @@ def _table_and_map(inventory: WrittenTables) -> Iterator[Entity]:
     signs, landmarks = inventory.sign_rows, [sign.landmark for sign in inventory.signs]
     posts = [] if inventory.sections is None else posts_rows(inventory.signs, inventory.log)
     table = rr.TextDocument(inventory_table(signs, posts), media_type="text/markdown")
-    yield entity(at.INVENTORY, table)
-    yield entity(f"{at.LOCATION}/signs", cross_section(landmarks, [r["sign_id"] for r in signs]))
+    yield Entity(at.INVENTORY, table)
+    yield Entity(f"{at.LOCATION}/signs", cross_section(landmarks, [r["sign_id"] for r in signs]))
     if inventory.path.globe is None:
         return
     route = inventory.path.globe.route()[:, [1, 0]]
-    yield entity(f"{at.MAP}/route", rr.GeoLineStrings(lat_lon=[route]))
+    yield Entity(f"{at.MAP}/route", rr.GeoLineStrings(lat_lon=[route]))
     if signs:
         places = [(row["lat_deg"], row["lon_deg"]) for row in signs]
         inks = [landmark_color(landmark) for landmark in landmarks]
         points = rr.GeoPoints(lat_lon=places, colors=inks, radii=MARK)
-        yield entity(f"{at.MAP}/signs", points)
+        yield Entity(f"{at.MAP}/signs", points)
 
 
 def _ground(inventory: WrittenTables, state: ViewState) -> Iterator[Entity]:
@@ -129,9 +129,9 @@ def _ground(inventory: WrittenTables, state: ViewState) -> Iterator[Entity]:
     if not marks:
         return
     shown = [strip for strip in strips if len(strip) > 1]
-    yield entity(f"{at.GROUND}/measured", rr.LineStrips3D(shown, colors=[GROUND_INK], radii=THIN))
+    yield Entity(f"{at.GROUND}/measured", rr.LineStrips3D(shown, colors=[GROUND_INK], radii=THIN))
     hidden = rr.Points3D(np.concatenate(marks), colors=[GREY], radii=THIN)
-    yield entity(f"{at.GROUND}/hidden", hidden)
+    yield Entity(f"{at.GROUND}/hidden", hidden)
 
 
 def _names(inventory: WrittenTables, times: Mapping[int, Times]) -> Iterator[Batch]:
@@ -160,14 +160,14 @@ def _names(inventory: WrittenTables, times: Mapping[int, Times]) -> Iterator[Bat
     pairs = zip(inventory.sign_rows, landmarks, strict=True)
     hidden = [f"{sign_name(row)}, residual {one.residual_px:.2f} px" for row, one in pairs]
     points = rr.Points3D(centres, colors=inks, radii=MARK, labels=hidden, show_labels=False)
-    marks = entity(at.MARKS, points)
+    marks = Entity(at.MARKS, points)
     if np.isnan([one.score for one in landmarks]).all():
         yield Batch(None, (marks,))
         return
-    yield Batch(None, (marks, entity(at.NAMES, named(range(len(words))))))
+    yield Batch(None, (marks, Entity(at.NAMES, named(range(len(words))))))
     for frame in sorted(times):
         shown = [i for i, (first, last) in enumerate(spans) if first <= frame <= last]
-        yield Batch(times[frame], (entity(at.NAMES_IN_VIEW, named(shown)),))
+        yield Batch(times[frame], (Entity(at.NAMES_IN_VIEW, named(shown)),))
 
 
 def sign_name(row: Mapping[str, Any]) -> str:
@@ -191,17 +191,17 @@ def _chain(
     views = {v.frame: v for v in landmark.views if v.frame in state.poses and v.frame in times}
     rays = [np.stack([state.poses[frame][0].centre, centre]) for frame in views]
     solid = (
-        entity(f"{at.SIGNS}/{part}", _panel(landmark, f"{name}: {landmark_words(landmark)}")),
-        entity(f"{at.SIGNS}/{part}/error", _ellipsoid(landmark)),
-        entity(f"{at.SIGN_RAYS}/{part}", rr.LineStrips3D(rays, colors=[ink], radii=THIN)),
+        Entity(f"{at.SIGNS}/{part}", _panel(landmark, f"{name}: {landmark_words(landmark)}")),
+        Entity(f"{at.SIGNS}/{part}/error", _ellipsoid(landmark)),
+        Entity(f"{at.SIGN_RAYS}/{part}", rr.LineStrips3D(rays, colors=[ink], radii=THIN)),
     )
     yield Batch(None, solid)
     paths = [f"{at.CHAINS}/{part}/{name}" for name in ("measured", "reprojected")]
     for frame, view in views.items():
         box = rr.Boxes2D(array=[view.box], array_format=rr.Box2DFormat.XYXY, colors=[ink])
         face = rr.LineStrips2D([face_in_image(landmark, *state.poses[frame])], colors=[WHITE])
-        residual = entity(f"{at.SIGN_RESIDUALS}/{part}", rr.Scalars([view.residual_px]))
-        yield Batch(times[frame], (entity(paths[0], box), entity(paths[1], face), residual))
+        residual = Entity(f"{at.SIGN_RESIDUALS}/{part}", rr.Scalars([view.residual_px]))
+        yield Batch(times[frame], (Entity(paths[0], box), Entity(paths[1], face), residual))
         if frame + 1 not in views and frame + 1 in times:
             yield Batch(times[frame + 1], tuple(cleared(path) for path in paths))
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.view import entities as at
-from wayside.pipeline.view.entities import Entity, cleared, entity
+from wayside.pipeline.view.entities import Entity, cleared
 from wayside.schemas.detections import COLOR_RGB, COLORS, SHAPES, VERDICTS, Candidates, Detections
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.landmarks import Landmark
@@ -134,7 +134,7 @@ def candidate_entities(candidates: Candidates, shown: set[str], *, detail: bool)
         path = f"{at.CANDIDATES}/{verdict}"
         rows = np.flatnonzero(candidates.verdict == code)
         if len(rows) and (detail or verdict not in MANY):
-            found.append(Entity(path, _boxes(candidates, rows, verdict)))
+            found.append(Entity(path, *_boxes(candidates, rows, verdict)))
             shown.add(path)
         elif path in shown:
             found.append(cleared(path))
@@ -196,7 +196,7 @@ def outline_entities(item: Detections, *, detail: bool) -> list[Entity]:
         curves = traced if name == "traced" else curve_of_terms(traced, CURVES[name])
         ring = np.concatenate([curves, curves[:, :1]], axis=1)
         closed = np.stack([ring.real, ring.imag], axis=-1).astype(np.float32)
-        found.append(entity(f"{at.OUTLINES}/{name}", rr.LineStrips2D(closed, colors=[ink])))
+        found.append(Entity(f"{at.OUTLINES}/{name}", rr.LineStrips2D(closed, colors=[ink])))
     return found
 
 

@@ -1,12 +1,10 @@
 """What is sent to a recording: paths of entities, and entities at the times of a frame."""
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 import rerun as rr
-
-from wayside.schemas.frame import Frame
 
 APPLICATION = "wayside"
 
@@ -44,22 +42,16 @@ REJECTIONS, INVENTORY = "rejections", "inventory"
 MAP = "map"
 
 
-@dataclass(frozen=True, slots=True)
 class Entity:
     """Archetypes to log at one path."""
 
-    path: str
-    parts: tuple[Any, ...]
-
-
-def entity(path: str, *parts: Any) -> Entity:
-    """An entity of these archetypes."""
-    return Entity(path, parts)
+    def __init__(self, path: str, *parts: Any) -> None:
+        self.path, self.parts = path, parts
 
 
 def cleared(path: str, *, recursive: bool = False) -> Entity:
     """Nothing at a path, and with `recursive` below it, from now on."""
-    return Entity(path, (rr.Clear(recursive=recursive),))
+    return Entity(path, rr.Clear(recursive=recursive))
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,11 +63,6 @@ class Times:
     log_ns: int
     station_m: float | None = None
     """None: of a frame that is not used."""
-
-    @classmethod
-    def of(cls, frame: Frame, station_m: float | None = None) -> Self:
-        """Times of a frame."""
-        return cls(frame.index, frame.time_ns, frame.log_time_ns, station_m)
 
     def apply(self, stream: rr.RecordingStream) -> None:
         """Set them on a stream, for the calling thread alone."""

@@ -4,6 +4,7 @@ import threading
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from queue import Full, Queue
 
@@ -15,7 +16,7 @@ from wayside.pipeline.results.inventory import WrittenTables
 from wayside.pipeline.view import entities as at
 from wayside.pipeline.view.blueprint import drive_layout
 from wayside.pipeline.view.closing import closing, opening
-from wayside.pipeline.view.entities import APPLICATION, Batch, Entity, Times, entity
+from wayside.pipeline.view.entities import APPLICATION, Batch, Entity, Times
 from wayside.pipeline.view.views import LAST_STAGE, ViewState, active_landmarks, entities_of
 from wayside.pipeline.workers import Item
 from wayside.schemas.frame import Frame
@@ -193,7 +194,8 @@ class RerunObserver:
     def _send_posed(self, frame: Frame, item: PosedDetections) -> None:
         with self._lock:
             found = self._waiting.pop(frame.index, [])
-        times = Times.of(frame, None if item.motion is None else item.motion.station_m)
+        station_m = None if item.motion is None else item.motion.station_m
+        times = Times(frame.index, frame.time_ns, frame.log_time_ns, station_m)
         if item.motion is not None:
             self._times[frame.index] = times
         if self._state.images == "signs":
@@ -209,7 +211,7 @@ class RerunObserver:
             new = sorted(paths - self._planed)
             self._planed |= paths
             frame = rr.CoordinateFrame(self._plane)
-            batches = [Batch(None, tuple(entity(path, frame) for path in new)), *batches]
+            batches = [Batch(None, tuple(Entity(path, frame) for path in new)), *batches]
         for recorder in self._recorders:
             recorder.put(batches)
 
@@ -222,20 +224,18 @@ def open_observer(
     A recording without images is laid over those of the log: in the coordinate frame that Rerun's importer gives.
     """
 
-    def file_stream() -> rr.RecordingStream:
-        stream = rr.RecordingStream(APPLICATION, recording_id=log)
-        stream.save(folder / RECORDING, default_blueprint=drive_layout())
-        return stream
-
-    def live_stream() -> rr.RecordingStream:
-        stream = rr.RecordingStream(APPLICATION, recording_id=log)
-        stream.connect_grpc(viewing.address, default_blueprint=drive_layout(live=True))
-        return stream
+    def stream(*, live: bool) -> rr.RecordingStream:
+        made, layout = rr.RecordingStream(APPLICATION, recording_id=log), drive_layout(live=live)
+        if live:
+            made.connect_grpc(viewing.address, default_blueprint=layout)
+        else:
+            made.save(folder / RECORDING, default_blueprint=layout)
+        return made
 
     recorders = []
     if viewing.file:
-        recorders.append(Recorder(RECORDING, file_stream, FILE_PATIENCE_S))
+        recorders.append(Recorder(RECORDING, partial(stream, live=False), FILE_PATIENCE_S))
     if viewing.address is not None:
-        recorders.append(Recorder(viewing.address, live_stream, 0.0))
+        recorders.append(Recorder(viewing.address, partial(stream, live=True), 0.0))
     plane = f"{report.camera_frame}_image_plane" if viewing.images == "none" else None
     return RerunObserver(recorders, location, viewing, plane)

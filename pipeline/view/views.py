@@ -31,7 +31,7 @@ from wayside.pipeline.view.drawing import (
     panel_pictures,
     rejection,
 )
-from wayside.pipeline.view.entities import Entity, cleared, entity
+from wayside.pipeline.view.entities import Entity, cleared
 from wayside.schemas.detections import SOURCES, Detections, Segmentation, verdict_code
 from wayside.schemas.frame import Camera, Frame, Image, Pose
 from wayside.schemas.landmarks import Landmark, TrackedFrame
@@ -57,10 +57,6 @@ PASSED_THROUGH = {"jpeg": "image/jpeg", "jpg": "image/jpeg", "png": "image/png"}
 LAST_STAGE, SIGN = "assemble", verdict_code("sign")
 
 
-class NoViewError(TypeError):
-    """A type of the flow has no function that shows it."""
-
-
 @dataclass(slots=True)
 class ViewState:
     """What is kept from frame to frame; except the options, only the thread of the ordered stages uses it."""
@@ -80,10 +76,10 @@ class ViewState:
 
 
 def entities_of(item: Any, stage: str, state: ViewState) -> tuple[Entity, ...]:
-    """Entities of an item that left a stage; raises NoViewError for a type that has no view."""
+    """Entities of an item that left a stage; raises TypeError for a type that has no view."""
     view = VIEWS.get(type(item))
     if view is None:
-        raise NoViewError(
+        raise TypeError(
             f"no view for {type(item).__name__}: add a function to pipeline/view/views.py"
         )
     return tuple(view(item, stage, state))
@@ -94,7 +90,7 @@ def view_frame(frame: Frame, stage: str, state: ViewState) -> list[Entity]:
     if not frame.used or frame.camera is None:
         state.camera = None
         words = rr.TextLog(f"frame {frame.index} not used: {frame.status}", level="WARN")
-        return [entity(at.REJECTIONS, words), cleared(at.VEHICLE, recursive=True)]
+        return [Entity(at.REJECTIONS, words), cleared(at.VEHICLE, recursive=True)]
     found = []
     if frame.camera != state.camera:
         camera = state.camera = frame.camera
@@ -104,11 +100,11 @@ def view_frame(frame: Frame, stage: str, state: ViewState) -> list[Entity]:
             camera_xyz=rr.ViewCoordinates.RDF,
             image_plane_distance=IMAGE_PLANE_M,
         )
-        found.append(entity(at.CAMERA, pinhole))
+        found.append(Entity(at.CAMERA, pinhole))
     media_type = PASSED_THROUGH.get(frame.encoding)
     if media_type is not None and state.images != "none" and not state.blur:
         image = rr.EncodedImage(contents=bytes(frame.data), media_type=media_type)
-        found.append(entity(at.IMAGE, image))
+        found.append(Entity(at.IMAGE, image))
     return found
 
 
@@ -117,7 +113,7 @@ def view_image(image: Image, stage: str, state: ViewState) -> list[Entity]:
     held = image.frame.encoding in PASSED_THROUGH or state.blur
     if held or state.images == "none" or image.rgb is None:
         return []
-    return [entity(at.IMAGE, rr.Image(image.rgb).compress(jpeg_quality=JPEG_QUALITY))]
+    return [Entity(at.IMAGE, rr.Image(image.rgb).compress(jpeg_quality=JPEG_QUALITY))]
 
 
 def view_segmented(item: Segmentation, stage: str, state: ViewState) -> list[Entity]:
@@ -126,20 +122,20 @@ def view_segmented(item: Segmentation, stage: str, state: ViewState) -> list[Ent
     With detail the difference image (report chapter 2.3), and the label images of both passes in their own colours.
     """
     counts = np.bincount(item.regions.source, minlength=len(SOURCES))
-    found = [entity(f"{at.GATES}/{stage}", rr.Scalars([*counts.astype(float), *item.dropped]))]
+    found = [Entity(f"{at.GATES}/{stage}", rr.Scalars([*counts.astype(float), *item.dropped]))]
     rgb = item.image.rgb
     if not state.detail or stage != "segment" or item.labels is None or rgb is None:
         return found
     full, (top, bottom) = np.zeros(rgb.shape[:2], np.uint8), item.rows
     differences = nearest_centers(rgb[top:bottom], np.rint(item.palette))[1]
     full[top:bottom] = np.minimum(differences, 255)
-    found.append(entity(at.DIFFERENCE, rr.Image(full).compress(jpeg_quality=DIFFERENCE_QUALITY)))
+    found.append(Entity(at.DIFFERENCE, rr.Image(full).compress(jpeg_quality=DIFFERENCE_QUALITY)))
     levels = np.linspace(40, 255, max(len(item.difference_levels) + 1, 2)).astype(np.uint8)
     inks = (item.palette.astype(np.uint8), np.repeat(levels[:, None], 3, axis=1))
     for path, labels, ink in zip(at.PASSES, item.labels, inks, strict=True):
         classes = [(i + 1, "", tuple(int(v) for v in rgb)) for i, rgb in enumerate(ink)]
         image = rr.SegmentationImage(_halved_labels(labels, item.rows, full.shape), opacity=0.7)
-        found.append(entity(path, rr.AnnotationContext(classes), image))
+        found.append(Entity(path, rr.AnnotationContext(classes), image))
     return found
 
 
@@ -165,8 +161,8 @@ def view_detections(item: Detections, stage: str, state: ViewState) -> list[Enti
             return []
         path, ink = KEYPOINT_PATHS[stage]
         points = item.features.corners if stage == "features" else item.candidates.center[rows]
-        return [entity(path, rr.Points2D(points, colors=[ink], radii=THIN))]
-    gates = entity(f"{at.GATES}/{stage}", rr.Scalars([len(rows), len(item.candidates) - len(rows)]))
+        return [Entity(path, rr.Points2D(points, colors=[ink], radii=THIN))]
+    gates = Entity(f"{at.GATES}/{stage}", rr.Scalars([len(rows), len(item.candidates) - len(rows)]))
     if stage != "shape" or not item.frame.used:
         return [gates]
     return [gates, *outline_entities(item, detail=state.detail)]
@@ -182,18 +178,18 @@ def view_posed(item: PosedDetections, stage: str, state: ViewState) -> list[Enti
     state.path.append(pose.centre)
     path = rr.LineStrips3D([np.array(state.path)], colors=[WHITE], radii=THIN)
     found = [
-        entity(at.VEHICLE, rr.Transform3D(translation=pose.centre, mat3x3=pose.rotation)),
-        entity(at.PATH, path),
+        Entity(at.VEHICLE, rr.Transform3D(translation=pose.centre, mat3x3=pose.rotation)),
+        Entity(at.PATH, path),
         *_view_ties(motion, frame.camera),
     ]
     candidates, rgb = item.detections.candidates, item.detections.image.rgb
     if state.blur and state.images != "none" and rgb is not None:
         hidden = blurred(rgb, candidates.regions.box[candidates.open_rows()])
-        found.append(entity(at.IMAGE, rr.Image(hidden).compress(jpeg_quality=JPEG_QUALITY)))
+        found.append(Entity(at.IMAGE, rr.Image(hidden).compress(jpeg_quality=JPEG_QUALITY)))
     if motion.history_px:
         shown = np.array(motion.history_px[: ITERATIONS_SHOWN + 1])  # the last one stays
         padded = np.pad(shown, (0, ITERATIONS_SHOWN + 1 - len(shown)), mode="edge")
-        found.append(entity(at.ITERATIONS, rr.Scalars(padded)))
+        found.append(Entity(at.ITERATIONS, rr.Scalars(padded)))
     return found
 
 
@@ -202,9 +198,9 @@ def _view_ties(motion: Motion, camera: Camera) -> list[Entity]:
     if ties is None or step is None or line is None:
         empty = rr.Points3D(np.zeros((0, 3)))
         return [
-            entity(at.MATCHES, rr.LineStrips2D([])),
-            entity(at.POINTS_STRAIGHT, empty),
-            entity(at.POINTS_ADJUSTED, empty),
+            Entity(at.MATCHES, rr.LineStrips2D([])),
+            Entity(at.POINTS_STRAIGHT, empty),
+            Entity(at.POINTS_ADJUSTED, empty),
         ]
     points = [distort_points(camera, ends) for ends in (ties.previous, ties.current)]
     ends = np.stack(points, axis=1).astype(np.float32)
@@ -219,13 +215,13 @@ def _view_ties(motion: Motion, camera: Camera) -> list[Entity]:
     straight = points_of_second(before, after, line.rotation, line.centre)
     return [
         *(
-            entity(f"{at.RESIDUALS}/{name}", rr.Scalars([value]))
+            Entity(f"{at.RESIDUALS}/{name}", rr.Scalars([value]))
             for name, own in squares.items()
             if np.isfinite(value := root_mean(own[ties.inlier]))
         ),
-        entity(at.MATCHES, lines, rr.AnyValues(residual_px=residual)),
-        entity(at.POINTS_STRAIGHT, _cloud(straight, motion, ties, BEFORE)),
-        entity(at.POINTS_ADJUSTED, _cloud(ties.point, motion, ties, AFTER)),
+        Entity(at.MATCHES, lines, rr.AnyValues(residual_px=residual)),
+        Entity(at.POINTS_STRAIGHT, _cloud(straight, motion, ties, BEFORE)),
+        Entity(at.POINTS_ADJUSTED, _cloud(ties.point, motion, ties, AFTER)),
     ]
 
 
@@ -241,7 +237,7 @@ def view_tracked(item: TrackedFrame, stage: str, state: ViewState) -> list[Entit
     if motion is None or frame.camera is None:
         return []
     count = sum(landmark.verdict == "sign" for landmark in item.landmarks)
-    signs = entity(f"{at.GATES}/{stage}", rr.Scalars([count]))
+    signs = Entity(f"{at.GATES}/{stage}", rr.Scalars([count]))
     if stage != LAST_STAGE:
         return [signs]
     state.poses.setdefault(frame.index, (motion.pose, frame.camera))
@@ -257,9 +253,9 @@ def view_tracked(item: TrackedFrame, stage: str, state: ViewState) -> list[Entit
         *candidate_entities(item.candidates, state.shown, detail=state.detail),
         *_view_tracks(frame.index, motion, frame.camera, state),
         *_view_measured(item, state),
-        entity(at.LANDMARKS, points),
-        entity(f"{at.LOCATION}/places", cross_section(recent)),
-        *(entity(at.REJECTIONS, rr.TextLog(rejection(one), level="INFO")) for one in refused),
+        Entity(at.LANDMARKS, points),
+        Entity(f"{at.LOCATION}/places", cross_section(recent)),
+        *(Entity(at.REJECTIONS, rr.TextLog(rejection(one), level="INFO")) for one in refused),
     ]
 
 
@@ -280,9 +276,9 @@ def _view_tracks(index: int, motion: Motion, camera: Camera, state: ViewState) -
     known = [one for one in active if one.verdict == "sign" or np.isfinite(one.score)]
     rays = [np.stack([motion.pose.centre, centre_of(one)]) for one in known]
     return [
-        entity(at.TRACKS, rr.LineStrips2D(tracks, colors=looks["colors"], radii=HAIR)),
-        entity(at.REPROJECTED, rr.LineStrips2D(faces, radii=THIN, **looks)),
-        entity(at.RAYS, rr.LineStrips3D(rays, colors=colored(known)["colors"], radii=THIN)),
+        Entity(at.TRACKS, rr.LineStrips2D(tracks, colors=looks["colors"], radii=HAIR)),
+        Entity(at.REPROJECTED, rr.LineStrips2D(faces, radii=THIN, **looks)),
+        Entity(at.RAYS, rr.LineStrips3D(rays, colors=colored(known)["colors"], radii=THIN)),
     ]
 
 
@@ -296,10 +292,10 @@ def _view_measured(item: TrackedFrame, state: ViewState) -> list[Entity]:
     found = []
     if item.matches is not None:
         lines = rr.LineStrips2D(item.matches.reshape(-1, 2, 2), colors=[SIFT_INK])
-        found.append(entity(at.SIFT_MATCHES, lines))
+        found.append(Entity(at.SIFT_MATCHES, lines))
     if item.measurements:
         pictures = panel_pictures(item.measurements)
-        found += [entity(f"{at.PANELS}/{name}", picture) for name, picture in pictures.items()]
+        found += [Entity(f"{at.PANELS}/{name}", picture) for name, picture in pictures.items()]
         found += _view_adjusted(item.measurements)
         state.shown.add(at.PANELS)
     elif at.PANELS in state.shown:
@@ -329,9 +325,9 @@ def _view_adjusted(measurements: Sequence[Measurement]) -> list[Entity]:
         radii=THIN,
     )
     return [
-        entity(f"{at.WINDOW_RESIDUALS}/before", rr.Scalars([before])),
-        entity(f"{at.WINDOW_RESIDUALS}/after", rr.Scalars([after])),
-        entity(at.MOVED, moved),
+        Entity(f"{at.WINDOW_RESIDUALS}/before", rr.Scalars([before])),
+        Entity(f"{at.WINDOW_RESIDUALS}/after", rr.Scalars([after])),
+        Entity(at.MOVED, moved),
     ]
 
 

@@ -65,13 +65,7 @@ def calibration(tmp_path):
     return path
 
 
-@pytest.fixture(scope="session")
-def with_exif():
-    """`_with_exif`."""
-    return _with_exif
-
-
-def _with_exif(jpeg, *, orientation=None, taken="", fraction="", offset="", changed=""):
+def with_exif(jpeg, *, orientation=None, taken="", fraction="", offset="", changed=""):
     """A JPEG with an Exif segment before its others; the pixels stay as they are."""
     exif = Image.Exif()
     if orientation is not None:

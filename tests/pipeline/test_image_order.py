@@ -11,11 +11,12 @@ from PIL import Image
 from wayside.pipeline.logs.importing import ImportOptions, import_images
 from wayside.schemas.errors import InputError
 
+from .conftest import with_exif
 from .reading.conftest import read
 
 
 @pytest.fixture
-def take(tmp_path, with_exif):
+def take(tmp_path):
     """Take an image: `take("100MEDIA/DSC_0001.JPG", 3.5)`, so many seconds after 15:00:00; None: without a date."""
 
     def take(name, second=None, *, exact=True, **exif):

@@ -60,8 +60,3 @@ def board_poses(count, tilt_deg, seed=3):
 @pytest.fixture(scope="session")
 def renderer():
     return BoardRenderer(CAMERA)
-
-
-@pytest.fixture(scope="session")
-def poses():
-    return board_poses

@@ -5,11 +5,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from wayside.pipeline.calibration.boards import calibrate_images, format_boards, parse_board
 from wayside.pipeline.calibration.command import calibrate_by_boards
-from wayside.pipeline.cli import app
 from wayside.pipeline.logs.importing import ImportOptions, import_images
 from wayside.pipeline.reading.calibrations import read_camera_file
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -17,15 +15,19 @@ from wayside.schemas.errors import InputError, OutputError, UsageError
 from wayside.schemas.settings import ReadSettings
 from wayside.stages.calibration import Board
 
+from ..conftest import with_exif
+from ..results import invoke
+from .conftest import board_poses
+
 REAL = Path(__file__).parents[4] / "shared" / "data" / "real" / "checkerboard_9x6"
 BOARD = Board(9, 6, 0.0254)
 
 
 @pytest.fixture(scope="module")
-def boards(renderer, poses, tmp_path_factory):
+def boards(renderer, tmp_path_factory):
     """Nine rendered views of a board, and what else lies in such a folder."""
     folder = tmp_path_factory.mktemp("boards")
-    for i, (rotation, shift) in enumerate(poses(9, 32.0)):
+    for i, (rotation, shift) in enumerate(board_poses(9, 32.0)):
         cv2.imwrite(str(folder / f"board{i}.png"), renderer(rotation, shift, i))
     cut = cv2.imread(str(folder / "board0.png"), cv2.IMREAD_GRAYSCALE)
     corners = cv2.findChessboardCornersSB(cut, (9, 6))[1].reshape(-1, 2)
@@ -69,7 +71,7 @@ def test_images_that_are_not_used_are_named_with_the_reason(found):
     assert all(f"{name}" in report and words in report for name, words in why.items())
 
 
-def test_boards_that_are_to_be_shown_turned_are_refused(boards, with_exif, tmp_path):
+def test_boards_that_are_to_be_shown_turned_are_refused(boards, tmp_path):
     data = cv2.imencode(".jpg", cv2.imread(str(boards / "board0.png")))[1].tobytes()
     (tmp_path / "board.jpg").write_bytes(with_exif(data, orientation=8))
     files = [*boards.glob("board*.png"), tmp_path / "board.jpg"]
@@ -92,8 +94,8 @@ def test_a_view_with_wrong_corners_is_left_out(renderer, boards, tmp_path):
     assert "left out" in format_boards(found)
 
 
-def test_boards_parallel_to_the_image_are_refused(renderer, poses, tmp_path):
-    for i, (rotation, shift) in enumerate(poses(4, 0.0)):
+def test_boards_parallel_to_the_image_are_refused(renderer, tmp_path):
+    for i, (rotation, shift) in enumerate(board_poses(4, 0.0)):
         cv2.imwrite(str(tmp_path / f"{i}.png"), renderer(rotation, shift, i))
     with pytest.raises(InputError, match=r"focal length.*standard error.*tilted by"):
         calibrate_images([tmp_path], BOARD, "plumb_bob")
@@ -115,11 +117,9 @@ def test_images_of_two_cameras_are_refused_with_their_names(tmp_path):
 def test_the_camera_file_serves_import_and_run(renderer, boards, tmp_path):
     out, images = tmp_path / "camera.yaml", [boards / f"board{i}.png" for i in range(5)]
     out.write_text("of before")
-    command = ["calibrate", *map(str, images), "--board", "9x6", "-o", str(out), "--overwrite"]
-    result = CliRunner().invoke(app, command)
-    assert result.exit_code == 0, result.output
+    said = invoke("calibrate", *images, "--board", "9x6", "-o", out, "--overwrite")
     words = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "distance squares", str(out))
-    assert all(word in result.output for word in words)
+    assert all(word in said for word in words)
     camera = read_camera_file(out)
     assert camera.fx == pytest.approx(renderer.camera.fx, rel=0.005)
     assert cv2.imread(str(tmp_path / "camera.coverage.png")).shape[1] == 1200

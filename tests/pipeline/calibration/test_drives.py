@@ -1,13 +1,11 @@
 """`wayside calibrate` with the log of a drive."""
 
-import re
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from wayside.pipeline.calibration import drives
 from wayside.pipeline.calibration.drives import (
@@ -16,13 +14,14 @@ from wayside.pipeline.calibration.drives import (
     calibrate_log,
     format_drive,
 )
-from wayside.pipeline.cli import app
 from wayside.pipeline.logs.importing import ImportOptions, import_images
 from wayside.pipeline.reading.calibrations import format_camera
 from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings import Settings
 from wayside.stages.calibration import DriveCalibration
+
+from ..results import invoke
 
 DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
 TRUE = Camera(1600, 1200, 1398.0, 1398.0, 796.0, 602.5, (-0.105, 0.048, 0.0003, 0.0002, -0.008))
@@ -100,9 +99,8 @@ def test_a_focal_length_that_cannot_be_matched_from_leaves_the_others(monkeypatc
     ],
 )
 def test_options_of_boards_and_of_logs_are_not_mixed(arguments, words):
-    outcome = CliRunner().invoke(app, ["calibrate", *arguments])
-    assert isinstance(outcome.exception, UsageError)
-    assert re.search(words, str(outcome.exception))
+    with pytest.raises(UsageError, match=words):
+        invoke("calibrate", *arguments)
 
 
 @pytest.mark.slow

@@ -60,17 +60,6 @@ def read(path, **settings):
     return list(read_frames(path, ReadSettings(**settings), report)), report
 
 
-def chunks_of(content):
-    """Offset and length of the content of each chunk, by walking the records."""
-    position, found = 8, []
-    while position < len(content) - 8:
-        opcode, length = struct.unpack_from("<BQ", content, position)
-        if opcode == 6:
-            found.append((position, length))
-        position += 9 + length
-    return found
-
-
 def record(opcode, content):
     return struct.pack("<BQ", opcode, len(content)) + content
 

@@ -44,7 +44,6 @@ KALIBR = """cam0:
   resolution: [640, 480]
   rostopic: /cam0/image_raw
 """
-LARGE = "a: &a [1" + ", 1" * 9000 + "]\nb: &b [*a" + ", *a" * 9000 + "]\n"
 MATRIX = "  rows: 3\n  cols: 3\n  data: [438.78, 0., 305.59, 0., 437.35, 243.74, 0., 0., 1.]"
 
 
@@ -89,7 +88,6 @@ def test_calibrations_of_ros_and_kalibr_are_read(tmp_path, text, distortion):
         (ROS.replace("438.78", "[" * 30_000), "nested too deeply"),
         (ROS.replace("438.78", ".nan"), "no focal length"),
         (ROS + "#" * 70_000, "over 65536 characters"),
-        (LARGE + ROS.replace("[438.78", "*b #"), ""),
         (ROS.replace("438.78, 0.,", "438.78, 0.3,"), "skew (0.3 px)"),
         (ROS.replace("243.74, 0., 0., 1.]", "243.74, 0., 0.01, 1.]"), "not of the form"),
         *(("camera_matrix: " + bracket * 60_000, "too deeply") for bracket in "[{"),

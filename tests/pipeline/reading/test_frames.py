@@ -13,6 +13,7 @@ from wayside.schemas.errors import InputError, UsageError
 from wayside.schemas.frame import FRAME_STATUSES
 from wayside.schemas.settings import ReadSettings
 
+from ..conftest import with_exif
 from .conftest import HEIGHT, LATENCY, START, STEP, WIDTH, image, read
 
 FORWARD = np.array([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], float)  # optical in x forward, y left, z up
@@ -30,16 +31,13 @@ def pose_content(time, of=FORWARD):
     return {"position": position, "rotation": (turn * Rotation.from_matrix(of)).as_quat()}
 
 
-def place_at(time):
-    return {"place": (48.0 + 1e-4 * time / 1e9, 11.0 + 2e-4 * time / 1e9, 500.0 + time / 1e9)}
-
-
 def pose_of(index):
     return pose_content(index * STEP)
 
 
 def fix_of(index):
-    return place_at(index * STEP)
+    seconds = index * STEP / 1e9
+    return {"place": (48.0 + 1e-4 * seconds, 11.0 + 2e-4 * seconds, 500.0 + seconds)}
 
 
 def fill(log, count=8):
@@ -69,7 +67,7 @@ def test_every_dialect_and_packing_gives_the_same_frames(new_log, dialect, packi
         assert frame.camera.distortion == (-0.1, 0.01, 0.001, -0.002, 0.003)
         assert_pose(frame, time)
         assert frame.pose.source == "poses"
-        latitude, longitude, altitude = place_at(time)["place"]
+        latitude, longitude, altitude = fix_of(index)["place"]
         assert frame.fix.latitude_deg == pytest.approx(latitude, abs=1e-12)
         assert frame.fix.longitude_deg == pytest.approx(longitude, abs=1e-12)
         assert frame.fix.altitude_m == pytest.approx(altitude)
@@ -287,9 +285,7 @@ def test_a_part_and_every_nth_image_are_taken_and_the_rest_is_accounted_for(new_
 
 
 @pytest.mark.parametrize("status", ["wrong_size", "turned"])
-def test_later_images_of_another_size_or_turn_are_marked_and_the_others_used(
-    new_log, with_exif, status
-):
+def test_later_images_of_another_size_or_turn_are_marked_and_the_others_used(new_log, status):
     def shown(index):
         if status == "wrong_size":
             return {"width": WIDTH + 8 * (index == 2)}
@@ -301,7 +297,7 @@ def test_later_images_of_another_size_or_turn_are_marked_and_the_others_used(
     assert report.statuses[status] == 1
 
 
-def test_a_log_whose_first_image_is_to_be_shown_turned_is_refused(new_log, dialect, with_exif):
+def test_a_log_whose_first_image_is_to_be_shown_turned_is_refused(new_log, dialect):
     log = new_log(dialect).calibrated()
     log.add_image(0, data=with_exif(image(0), orientation=3))
     path = log.finish()

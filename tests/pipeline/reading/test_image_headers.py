@@ -15,10 +15,8 @@ FORMS += [("webp", more) for more in ({"lossless": True}, {"quality": 50}, {"exi
 
 
 def encoded(name, options, height=37, width=53):
-    pixels, out = (
-        np.random.default_rng(0).integers(0, 256, (height, width, 3), np.uint8),
-        io.BytesIO(),
-    )
+    pixels = np.random.default_rng(0).integers(0, 256, (height, width, 3), np.uint8)
+    out = io.BytesIO()
     Image.fromarray(pixels).save(out, name, **options)
     return out.getvalue()
 

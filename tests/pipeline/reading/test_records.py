@@ -27,7 +27,7 @@ from wayside.pipeline.reading.records import (
 )
 from wayside.schemas.errors import InputError
 
-from .conftest import BARE, CHANNEL, HEAD, SCHEMA, chunks_of, record, text
+from .conftest import BARE, CHANNEL, HEAD, SCHEMA, record, text
 
 COUNT = 21
 KINDS = [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD]
@@ -88,6 +88,11 @@ def records_of(content):
         found.append((opcode, position, position + 9 + length))
         position += 9 + length
     return found
+
+
+def chunks_of(content):
+    """Offset and length of the content of each chunk."""
+    return [(start, end - start - 9) for opcode, start, end in records_of(content) if opcode == 6]
 
 
 def test_all_messages_come_in_file_order_whatever_the_packing(tmp_path, packing):

@@ -4,9 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from wayside.pipeline.cli import app
 from wayside.pipeline.simulation.drive import SimulatedDrive, Survey
 from wayside.pipeline.simulation.simulate import (
     check,
@@ -18,6 +16,8 @@ from wayside.pipeline.simulation.simulate import (
 )
 from wayside.schemas.errors import UsageError, WaysideError
 from wayside.schemas.settings import MotionSettings
+
+from ..results import invoke
 
 SMALL = Survey(signs=5, seed=3)
 
@@ -128,13 +128,12 @@ def test_signs_that_no_image_shows_thrice_are_an_error_with_advice():
 
 def test_the_command_prints_a_table_and_writes_json(tmp_path):
     file = tmp_path / "plan.json"
-    options = ["--spacing", "26.4ft", "--hfov", "60", "--signs", "5", "--json", str(file)]
-    done = CliRunner().invoke(app, ["simulate", *options])
-    assert done.exit_code == 0, done.output
-    assert "along" in done.output
-    assert "bound" in done.output
+    options = ["--spacing", "26.4ft", "--hfov", "60", "--signs", "5", "--json", file]
+    said = invoke("simulate", *options)
+    assert "along" in said
+    assert "bound" in said
     (survey,) = json.loads(file.read_text())["surveys"]
     assert survey["survey"]["spacing_m"] == pytest.approx(8.04672)
     assert survey["survey"]["focal_px"] == pytest.approx(1385.6, abs=0.1)
     assert survey["error"]["along"]["sigma_m"] > 0
-    assert "spacing given; focal length 1386 px (60 degrees)" in done.output
+    assert "spacing given; focal length 1386 px (60 degrees)" in said

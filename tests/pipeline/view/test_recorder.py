@@ -10,7 +10,7 @@ from wayside.pipeline.view import observer
 from wayside.pipeline.view.entities import Batch, Entity, Times
 from wayside.pipeline.view.observer import WAITING, Recorder
 
-BATCH = Batch(Times(0, 0, 0, 0.0), (Entity("words", (rr.TextLog("hello"),)),))
+BATCH = Batch(Times(0, 0, 0, 0.0), (Entity("words", rr.TextLog("hello")),))
 
 
 class Blocking:

@@ -17,13 +17,14 @@ import pyarrow.parquet as pq
 import pytest
 import rerun as rr
 
-from wayside.pipeline.cli import app
 from wayside.pipeline.cli.running import parse_rate
 from wayside.pipeline.view import viewer
 from wayside.pipeline.view.blueprint import drive_layout, sign_layout
 from wayside.pipeline.view.results import find_target, recordings_of
 from wayside.pipeline.view.viewer import import_log, probe, software_vulkan, start_viewer
 from wayside.schemas.errors import InputError, OutputError, UsageError
+
+from ..results import invoke
 
 DEMO = Path(__file__).parents[3] / "recordings" / "demo.mcap"
 
@@ -86,8 +87,7 @@ def has_vulkan():
 
 
 def recorded(folder, *options):
-    line = ["run", str(DEMO), "-o", str(folder), "--view", "file", "--until", "0.7s"]
-    assert not app([*line, *options], standalone_mode=False)
+    invoke("run", DEMO, "-o", folder, "--view", "file", "--until", "0.7s", *options)
     return folder
 
 

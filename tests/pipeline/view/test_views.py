@@ -269,7 +269,7 @@ def test_rows_without_confidence_are_marked_by_their_residual_and_not_named(repo
 
 
 def test_a_type_without_a_view_is_an_error():
-    with pytest.raises(views.NoViewError, match="no view for int"):
+    with pytest.raises(TypeError, match="no view for int"):
         views.entities_of(3, "segment", views.ViewState())
 
 
