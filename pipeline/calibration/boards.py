@@ -225,8 +225,7 @@ def draw_coverage(found: CalibratedImages) -> NDArray[np.uint8]:
     Blue is a residual of zero, red one of three times the RMS or more; grey corners are of views left out. Cells
     without a corner of a used view are shaded.
     """
-    # a run imports this module, and draws nothing
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # here, as a run draws nothing
     from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
 

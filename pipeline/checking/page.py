@@ -24,7 +24,7 @@ def write_page(
 ) -> str:
     """Write the checks of the result `out` as a page in it, with links to the evidence that lies there.
 
-    log: where the log lies now. Returns why there are no images, or an empty text. Raises OutputError.
+    `log`: where the log lies now. Returns why there are no images, or an empty text. Raises OutputError.
     """
     signs = {check.name: check.sign for check in checks if check.verdict in SHOWN}
     boxes = [(name, one["best_frame"], tuple(one["best_box"])) for name, one in signs.items()]

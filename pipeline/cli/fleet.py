@@ -272,8 +272,7 @@ def changes(
     review: Annotated[
         list[Path] | None,
         typer.Option(
-            help="What people said on the page; several are merged.  "
-            "[default: changes.review*.json in INVENTORY]"
+            help="What people said on the page; several are merged.  [default: changes.review*.json in INVENTORY]"
         ),
     ] = None,
     overwrite: Overwrite = False,

@@ -34,7 +34,7 @@ def print_summary(
 ) -> None:
     """Signs found, images used and not used; where the files are `kept`, and what to type next.
 
-    verbose: also what became of the regions, and the share of each stage in the time.
+    `verbose`: also what became of the regions, and the share of each stage in the time.
     """
     rows = result.inventory.sign_rows
     if rows:

@@ -149,7 +149,7 @@ def read_images(
 ) -> Iterator[Image]:
     """Decoded images of frames of these indices, in order; reading ends with the last of them.
 
-    log_times_ns: of every frame of the result. Raises InputError if the log has other times.
+    `log_times_ns`: of every frame of the result. Raises InputError if the log has other times.
     """
 
     def frames() -> Iterator[Frame]:

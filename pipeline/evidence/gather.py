@@ -107,7 +107,7 @@ def gather(
 ) -> tuple[DriveMap, list[Evidence]]:
     """The drive of a result and the evidence of its signs (None: of all), in order of `signs.parquet`.
 
-    route: instead of that of the run. Raises UsageError where there is no such sign; the nearest known
+    `route`: instead of that of the run. Raises UsageError where there is no such sign; the nearest known
     one is offered. Raises InputError where the folder is no result folder, or damaged.
     """
     signs = with_route(out, read_rows(out, SIGNS, _SIGN_COLUMNS), route)

@@ -53,7 +53,7 @@ class Projection:
     def foot(self, box: tuple[float, float, float, float], units: Units) -> dict[str, Any]:
         """Scale bar and, where it is up, an arrow to the north, else what the axes are, at the foot of a map.
 
-        box: left, top, width and height of the map, pixels.
+        `box`: left, top, width and height of the map, pixels.
         """
         left, top, width, height = box
         most = 0.3 * width / self.scale / units.metres

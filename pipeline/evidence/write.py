@@ -71,12 +71,12 @@ def write_evidence(  # noqa: PLR0913 - one for each option
 ) -> Written:
     """Write one page a sign and an index of all into `folder`, which is made where it is missing.
 
-    out: folder written by `wayside run`. sign_id: only the sheet of this sign, without an index; None: all. log: where
-    it lies now; None: where it lay at the time of the run. watch: called with the number of sheets done and to do. png:
-    also write each sheet as an image. images: also all images of the drive, to click missing signs in. blur: what lies
-    off the panels in all images. reviews: files that the index begins with; empty: those in `out`. units: of lengths.
-    route: instead of that of the run. overwrite: replace any file of the names of the sheets and the index; else only
-    sheets of this log.
+    `out`: folder written by `wayside run`. `sign_id`: only the sheet of this sign, without an index; None: all. `log`:
+    where it lies now; None: where it lay at the time of the run. `watch`: called with the number of sheets done and to
+    do. `png`: also write each sheet as an image. `images`: also all images of the drive, to click missing signs in.
+    `blur`: what lies off the panels in all images. `reviews`: files that the index begins with; empty: those in `out`.
+    `units`: of lengths. `route`: instead of that of the run. `overwrite`: replace any file of the names of the sheets
+    and the index; else only sheets of this log.
 
     Raises UsageError where there is no such sign; InputError where the result or the log cannot be used; OutputError
     where a sheet cannot be written, or a file of its name is not replaced.
@@ -210,7 +210,7 @@ def _about(
 ) -> dict[str, Any]:
     """What the script of the index knows, so that a person can correct the result and place missing signs.
 
-    pictures: addresses of images of what is to be decided, by number. lens: `camera` of `run.json`, without whose
+    `pictures`: addresses of images of what is to be decided, by number. `lens`: `camera` of `run.json`, without whose
     distortion the images are shown; None: there are no images.
     """
     cameras = [

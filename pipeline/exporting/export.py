@@ -76,13 +76,13 @@ def export(  # noqa: PLR0913 - one for each option
 ) -> Exported:
     """Write the signs of a result, or a table of an inventory, to a file.
 
-    out: folder written by `wayside run` or `wayside fleet`. review: of the rows of a result; an inventory has none.
-    kind: a key of `FORMATS`; a Shapefile is several files of one stem. table: of an inventory one of
-    `INVENTORY_TABLES`, None: the panels; of a drive `profile` or `posts`, None: the signs. units: `metric` as measured,
-    or `us`: feet and inches. crs: reference system as PROJ reads it; None: WGS 84, or the drive's own frame without
-    fixes. log: for `mcap` and pictures, where the drive's log lies now; None: where it lay at the time of the run.
-    every: all columns, not only the main ones. pictures: for `gpkg` and `kmz`, the best image of each sign. accepted:
-    without the rows that the review of a drive rejects. route: of the signs of a drive, instead of that of the run.
+    `out`: folder written by `wayside run` or `wayside fleet`. `review`: of the rows of a result. `kind`: a key of
+    `FORMATS`; a Shapefile is several files of one stem. `table`: of an inventory one of `INVENTORY_TABLES` (None: the
+    panels), of a drive `profile` or `posts` (None: the signs). `units`: `metric`, or `us`: feet and inches. `crs`:
+    reference system as PROJ reads it; None: WGS 84, or the drive's own frame without fixes. `log`: for `mcap` and
+    pictures, where the drive's log lies now; None: where it lay at the time of the run. `every`: all columns, not only
+    the main ones. `pictures`: for `gpkg` and `kmz`, the best image of each sign. `accepted`: without the rows that the
+    review of a drive rejects. `route`: of the signs of a drive, instead of that of the run.
 
     Raises UsageError where the options do not go together, or the package of the format is not installed; InputError
     where the folder is no result folder and no inventory, or damaged, or the log cannot be read; OutputError where a

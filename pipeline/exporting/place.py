@@ -25,10 +25,8 @@ _WORLDS = {
 }
 _INCHES = ("panel_width_m", "panel_height_m", "sigma_width_m", "sigma_height_m")
 """Sizes of faces are ordered in inches, distances are in feet."""
-_DIGITS = {
-    **{"m": 3, "ft": 3, "in": 2, "px": 1, "deg": 1, "m^2": 6, "ft^2": 5, "": 3},
-    "mi, km, ft or m": 5,
-}
+_DIGITS = {"m": 3, "ft": 3, "in": 2, "px": 1, "deg": 1, "m^2": 6, "ft^2": 5, "": 3}
+_DIGITS["mi, km, ft or m"] = 5
 """Decimals of a unit, finer than what is measured; a longitude and what is not listed has `_PLACE_DIGITS`."""
 _PLACE_DIGITS = 8
 _GLOBE = ("lon_deg", "lat_deg")

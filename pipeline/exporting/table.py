@@ -86,7 +86,7 @@ def drive_signs(
 ) -> Source:
     """The signs of a result with their review; signs that the review says are missing stand last.
 
-    route: instead of that of the run. accepted: without the rows that the review rejects.
+    `route`: instead of that of the run. `accepted`: without the rows that the review rejects.
 
     Raises InputError if the folder is no result folder, or damaged, and as `with_route`.
     """
@@ -94,10 +94,9 @@ def drive_signs(
     about = read_run(out)
     rows = [_flat_row(SIGNS, row) | _said(review.rows.get(row["sign_id"]), row) for row in signs]
     rows += _missing(out, Path(str(about.get("log", ""))).stem, review)
-    rows = [row | {"result": result_name(about)} for row in rows]
-    if accepted:
-        rows = [row for row in rows if row.get("review") != REJECTED]
-    rows = with_route(out, rows, route)
+    named = {"result": result_name(about)}
+    shown = (row for row in rows if not (accepted and row.get("review") == REJECTED))
+    rows = with_route(out, (row | named for row in shown), route)
     times = [row["best_time_ns"] for row in rows if row.get("best_time_ns") is not None]
     key, *measured = _flat_columns(SIGNS)
     columns = (key, *_FINAL_COLUMNS, *measured, *_REVIEW_COLUMNS)

@@ -59,7 +59,7 @@ class DriveView:
     ) -> list[tuple[Ints, int, Floats] | None]:
         """For each place about an origin the rows of the frames that show it largest, the best of them, the box there.
 
-        None: it was not in view. offset_m (3,): error of the drive's positions there.
+        None: it was not in view. `offset_m` (3,): error of the drive's positions there.
         """
         centre = self.centres(origin, offset_m, slice(None))
         low, high = places.position[:, :2].min(axis=0), places.position[:, :2].max(axis=0)

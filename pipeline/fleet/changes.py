@@ -140,10 +140,10 @@ def find_changes(
     images in which the panel would show whole, from the front, and as high as the lowest panels that this drive
     measures. Where the log exists, most of the images must also see past the place (`measure_occlusion`).
 
-    reviews: files that the page of changes saved; none: those in the folder. overwrite: replace any file, not only an
-    earlier comparison. Raises UsageError if a survey has no drive, or they overlap. Raises InputError if the folder is
-    no inventory, is damaged, or has results that are not merged, or a file is no review. Raises OutputError if a file
-    cannot be written.
+    `reviews`: files that the page of changes saved; none: those in the folder. `overwrite`: replace any file, not only
+    an earlier comparison. Raises UsageError if a survey has no drive, or they overlap. Raises InputError if the folder
+    is no inventory, is damaged, or has results that are not merged, or a file is no review. Raises OutputError if a
+    file cannot be written.
     """
     manifest = open_inventory(inventory, by_fleet=False)
     if not (inventory / PANELS.name).is_dir():

@@ -8,10 +8,9 @@ from typing import Any
 
 from wayside.pipeline.files.input_files import read_input_text
 from wayside.pipeline.files.parsing import CONTENT_FAULTS, parse_json
+from wayside.pipeline.fleet.absence import Row
 from wayside.schemas.errors import InputError
 from wayside.schemas.inventory_tables import CHANGE_REVIEWS, CONFIRMED
-
-Row = dict[str, Any]
 
 
 def _key(row: Row) -> tuple[Any, ...]:

@@ -37,7 +37,7 @@ class WorkerDeathError(WaysideError):
 class Engine(ABC):
     """Carries tasks out side by side, in any order; leaving the block ends what is under way.
 
-    run: a function that another process can import. jobs: tasks side by side.
+    `run`: a function that another process can import. `jobs`: tasks side by side.
     """
 
     def __init__(self, run: Run, jobs: int) -> None:

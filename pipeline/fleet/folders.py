@@ -79,8 +79,8 @@ def replaced_tables(inventory: Path) -> Iterator[Path]:
 def open_inventory(inventory: Path, *, by_fleet: bool = True) -> Manifest:
     """Make an inventory whole, if a merging was killed when it moved its tables to their place, to read it.
 
-    by_fleet: whether only a fleet's will do; else one that was merged without has an empty manifest. Raises InputError
-    where it is no inventory, its manifest is damaged, or the tables cannot be moved.
+    `by_fleet`: whether only a fleet's will do; else one that was merged without has an empty manifest. Raises
+    InputError where it is no inventory, its manifest is damaged, or the tables cannot be moved.
     """
     finish_replacement(inventory)
     if by_fleet or (inventory / MANIFEST).exists():

@@ -144,7 +144,7 @@ def write_manifest(inventory: Path, manifest: Manifest) -> None:
 def free_name(uri: str, taken: Collection[str]) -> str:
     """A folder name for a new log: its stem, else with that of its folder before it, else with a number behind it.
 
-    taken: names in use, `str.casefold` of each, as some file systems do not tell them apart otherwise.
+    `taken`: names in use, `str.casefold` of each, as some file systems do not tell them apart otherwise.
     """
     stem, parent = source_name(uri)
     first = [stem, f"{parent}_{stem}"] if parent else [stem]
@@ -193,7 +193,7 @@ def planned_logs(
 ) -> tuple[dict[str, Entry], list[tuple[str, str]]]:
     """The given logs by name with the states in which the fleet begins, and those that are copies of others.
 
-    key_of: of a source and its fingerprint.
+    `key_of`: of a source and its fingerprint.
 
     A log is known by its source, or by its content where it has moved. Raises OutputError where the content of logs
     has changed and their results are not to be replaced.

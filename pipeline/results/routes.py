@@ -20,7 +20,7 @@ Row = dict[str, Any]
 def with_route(out: Path, rows: Iterable[Row], route: RouteSettings | None) -> list[Row]:
     """The rows with route, measure and unit at their `station_m`; null where that is unknown, or on no route.
 
-    route: None leaves the rows as they are. Raises as `open_routes`, and InputError where route lines are given for a
+    `route`: None leaves the rows as they are. Raises as `open_routes`, and InputError where route lines are given for a
     drive that has no place on the globe.
     """
     rows = list(rows)

@@ -48,7 +48,7 @@ class KnownResult:
     def of(cls, out: Path, route: RouteSettings | None = None) -> "KnownResult":
         """That in a folder; raises InputError if there is none, or it is damaged.
 
-        route: instead of that of the run.
+        `route`: instead of that of the run.
         """
         run, signs = read_run(out), read_rows(out, SIGNS, _SIGN_COLUMNS)
         frames = read_rows(out, FRAMES, _FRAME_COLUMNS)

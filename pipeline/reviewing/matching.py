@@ -82,7 +82,7 @@ NO_REVIEW = Review({}, ())
 def settled(groups: Sequence[Sequence[Reviewed]], known: KnownResult) -> Review:
     """One review of what several files say; raises InputError where a row is named that the result does not have.
 
-    groups: the rows of each file.
+    `groups`: the rows of each file.
     """
     found = _Settling(known)
     for number, entries in enumerate(groups):

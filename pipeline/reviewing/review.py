@@ -21,7 +21,7 @@ FILES = ("review*.json", "review*.csv")
 def find_review(out: Path, given: Sequence[Path] = (), known: KnownResult | None = None) -> Review:
     """The review of a result by the files given, else by all that lie in its folder, as one.
 
-    known: the rows of the result, where they are read already. Raises InputError if a file is no review, or is of
+    `known`: the rows of the result, where they are read already. Raises InputError if a file is no review, or is of
     another drive.
     """
     files = given or [path for name in FILES for path in sorted(out.glob(name))]

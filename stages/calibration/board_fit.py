@@ -134,7 +134,7 @@ class FittedView:
 class BoardCalibration:
     """Camera of the used views, rms_px over all their corners, and the `parameters` by their names.
 
-    by_model: rms_px of the same views with each of `LENS_MODELS`, nan where it cannot be fitted.
+    `by_model`: rms_px of the same views with each of `LENS_MODELS`, nan where it cannot be fitted.
     """
 
     camera: Camera
@@ -161,8 +161,8 @@ def calibrate_boards(
     The worst view is left out, and the rest fitted again, while its residual exceeds that of the median view by
     `OUTLIER_RATIO`.
 
-    views: corners (n, 2) of each, pixels, in the order of `board.points`. size: width and height of the images. model:
-    of `LENS_MODELS`.
+    `views`: corners (n, 2) of each, pixels, in the order of `board.points`. `size`: width and height of the images.
+    `model`: of `LENS_MODELS`.
 
     Raises CalibrationError for too few views, or views that do not determine the focal length. The message then has the
     residuals of all lens models, because a lens of another kind looks the same.

@@ -196,7 +196,7 @@ def calibrate_drive(
     Steps are of Gauss and Newton and go on until one is no larger than its error. That is the first where the lens
     given is right. Poses and points are solved again after each: the cost depends on the lens alone.
 
-    The ratio of both focal lengths and the coefficients but k1 and k2 are held. principal_sigma_px: how far off the
+    The ratio of both focal lengths and the coefficients but k1 and k2 are held. `principal_sigma_px`: how far off the
     principal point of the camera may be. Raises LinAlgError where the ties determine nothing.
     """
     scatter = [np.inf, principal_sigma_px, principal_sigma_px, DISTORTION_SIGMA, DISTORTION_SIGMA]

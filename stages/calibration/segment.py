@@ -76,7 +76,7 @@ def cut_segments(
 ) -> list[Segment]:
     """Segments of `images` images, each beginning with the last of the one before; those with few tracks left out.
 
-    cell_px: of the ties of an image, one is kept in each cell of this size, longest tracks first; 0: all.
+    `cell_px`: of the ties of an image, one is kept in each cell of this size, longest tracks first; 0: all.
     """
     starts = range(0, len(motions) - 2, images - 1)
     found = (make_segment(motions[k : k + images], camera, cell_px) for k in starts)

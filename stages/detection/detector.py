@@ -46,13 +46,13 @@ def detect(
 ) -> Iterator[Detections]:
     """Classify all regions of each image; each becomes a candidate.
 
-    network: the box network. A candidate not far below a threshold is scored at the box that the network makes of it as
-    well, and moves there where it scores better. Those that are accepted get the log probabilities of colours and
+    `network`: the box network. A candidate not far below a threshold is scored at the box that the network makes of it
+    as well, and moves there where it scores better. Those that are accepted get the log probabilities of colours and
     shapes, and the most probable one of either as their class; the others keep class -1.
 
-    front: threshold of faces. Candidates below it get the verdict `score`. Of overlapping ones the best stays
-    (`overlap`), of all of them the best `settings.keep` (`score`). back: threshold of panels seen from behind. What it
-    accepts, and what looks more like one than like a face, gets a `back_score`.
+    `front`: threshold of faces. Candidates below it get the verdict `score`. Of overlapping ones the best stays
+    (`overlap`), of all of them the best `settings.keep` (`score`). `back`: threshold of panels seen from behind. What
+    it accepts, and what looks more like one than like a face, gets a `back_score`.
     """
     for item in items:
         image, regions = item.image, item.regions
@@ -127,7 +127,7 @@ def with_names(
 ) -> Candidates:
     """The candidates with the log probabilities and the most probable classes of `rows`, which the network `found`.
 
-    grey: the camera sees no colour, and none is named.
+    `grey`: the camera sees no colour, and none is named.
     """
     color, shape = candidates.color.copy(), candidates.shape.copy()
     colors, shapes = (

@@ -33,7 +33,7 @@ def detect_externally(
     """The boxes of a detector or of a file as the candidates of each image, in order.
 
     Images that are not used have no candidates. Of boxes that overlap the best stays (`overlap`), of all of them the
-    best `settings.keep` (`score`). network: the box network, which names what the classes of the boxes do not.
+    best `settings.keep` (`score`). `network`: the box network, which names what the classes of the boxes do not.
 
     Raises InputError where the detector's outputs are not understood.
     """

@@ -37,7 +37,7 @@ class OnnxDetector:
     def boxes(self, rgb: NDArray[np.uint8], least_score: float, same_iou: float) -> ExternalBoxes:
         """Boxes of signs in an image (height, width, 3), best first, those below `least_score` left out.
 
-        same_iou: where the network does not suppress boxes itself, those that overlap a better one more are.
+        `same_iou`: where the network does not suppress boxes itself, those that overlap a better one more are.
 
         Raises InputError where the outputs are not those of the file's format.
         """
@@ -72,7 +72,7 @@ def fitted(
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32], NDArray[np.float32]]:
     """The image at a size (height, width), the scale (2,) of x and y, and the border (2,) left and above.
 
-    whole: stretched to all of it; else as large as fits with its aspect, in the middle of a grey border.
+    `whole`: stretched to all of it; else as large as fits with its aspect, in the middle of a grey border.
     """
     height, width = rgb.shape[:2]
     if whole:

@@ -90,7 +90,7 @@ def fitting(item: Segmentation, camera: Camera) -> Segmentation:
 class Band:
     """Part of an image from `corner` (x, y) on as the network sees it, a pixel `scale` pixels of the image: 1/4 to 2.
 
-    boxes: by the network, pixels of the band; size: height and width of its input.
+    `boxes`: by the network, pixels of the band; `size`: height and width of its input.
     """
 
     boxes: NetworkBoxes

@@ -151,7 +151,7 @@ def associate(
 ) -> Association:
     """Best free candidate of each frame for each hypothesis, by where and how large it must appear.
 
-    free (N,): rows of the window that may be used. gap_px: largest gap of a view, pixels, before the share of its
+    `free` (N,): rows of the window that may be used. `gap_px`: largest gap of a view, pixels, before the share of its
     height.
 
     Raises ValueError where `free` has another length: the kernel checks no bounds.

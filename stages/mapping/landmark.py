@@ -32,8 +32,8 @@ def measure_landmark(
 ) -> LandmarkMeasurement:
     """The landmark by its panel, or else its boxes, relative to the camera that shows it largest and whole.
 
-    panel: None: the one that the boxes show. jointly: whether it is adjusted with the motion of the frames around it,
-    where that has a prior.
+    `panel`: None: the one that the boxes show. `jointly`: whether it is adjusted with the motion of the frames around
+    it, where that has a prior.
     """
     best = int(fit.frames[best_view(fit, window)])
     panel = panel or box_panel(fit, window)

@@ -155,8 +155,8 @@ def fit_views(
 ) -> LandmarkFit | None:
     """Point, covariance and metric size from views; None where the rays do not meet ahead.
 
-    rows, frames: candidates (v,) of the window and their frames, ascending. box_sigma: scatter of the centres of boxes,
-    as `BOX_SIGMA`.
+    `rows`, `frames`: candidates (v,) of the window and their frames, ascending. `box_sigma`: scatter of the centres of
+    boxes, as `BOX_SIGMA`.
     """
     n = len(rows)
     point, covariance, metric, spread = np.empty(3), np.empty((3, 3)), np.empty(2), np.empty(2)

@@ -178,7 +178,7 @@ def track_starts(ties: StepTies, track: NDArray[np.int64]) -> tuple[Array, NDArr
 def shared_errors(ties: StepTies, gain: Array) -> Array:
     """Covariance (3, 3) to add to that of a landmark for errors that neighbouring ties share.
 
-    gain (n, 2, 3): derivative of the landmark by the error of each tie, m / px. The weights counted the part of the
+    `gain` (n, 2, 3): derivative of the landmark by the error of each tie, m / px. The weights counted the part of the
     scatter that is a fraction of the displacement as independent. It is in the shared error, and its independent part
     is subtracted here.
     """

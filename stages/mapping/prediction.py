@@ -36,7 +36,7 @@ def add_predicted_views(
     The views are added to the frames' candidates, source `predicted`. They count as seen, but do not move the point,
     which predicted them.
 
-    classifiers: of one view, of faces (False) and of backs (True); without one none is predicted. each: applies a
+    `classifiers`: of one view, of faces (False) and of backs (True); without one none is predicted. `each`: applies a
     function to items, as `map`.
     """
     views: list[list[tuple[int, int]]] = [[] for _ in fits]

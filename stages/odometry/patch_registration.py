@@ -41,7 +41,7 @@ FREEDOM = SIDE * SIDE - 5.0
 class PatchRegistration(NamedTuple):
     """Registered patches: point (n, 2) px, scale (n,) on top of the warp, zncc (n,) correlation, 0 where it is low.
 
-    sigma (n,): standard deviation of the point along its worst direction, px of the far image, by the residual noise
+    `sigma` (n,): standard deviation of the point along its worst direction, px of the far image, by the residual noise
     between the patches. It is large along an edge, where only the ends fix the position.
     """
 
@@ -62,10 +62,10 @@ def register_patches(
 ) -> PatchRegistration:
     """Register the 15 x 15 px patches round `corners` of the far image in the near one.
 
-    far, near: grey images (height, width). corners: centre of each patch, (n, 2) whole pixels. starts: where the
-    patches are expected in the near image, (n, 2) px. warps: their expected warp, (n, 3): stretch along u, shear of u
-    by v, stretch along v; a plate seen from nearer has (s, 0, s), the road about (s, k, s * s). search_px: whole
-    pixels searched round the start before the fit. each: registers parts of the patches, as `map`.
+    `far`, `near`: grey images (height, width). `corners`: centre of each patch, (n, 2) whole pixels. `starts`: where
+    the patches are expected in the near image, (n, 2) px. `warps`: their expected warp, (n, 3): stretch along u, shear
+    of u by v, stretch along v; a plate seen from nearer has (s, 0, s), the road about (s, k, s * s). `search_px`: whole
+    pixels searched round the start before the fit. `each`: registers parts of the patches, as `map`.
 
     `zncc` is 0 and the point nan where the patch leaves an image, has no texture, the fit exceeds its limits, or the
     correlation is low.

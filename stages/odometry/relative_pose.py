@@ -91,7 +91,7 @@ def estimate_relative_pose(
 ) -> RelativePose | None:
     """Relative pose of two images: coarse motion, then ties registered by it.
 
-    Returns None with fewer than `fewest` inliers. each: does independent work, as `map`.
+    Returns None with fewer than `fewest` inliers. `each`: does independent work, as `map`.
     """
     prior, ground = expected.prior, mount.ground(expected.prior.length_m)
     coarse, inliers = find_coarse_motion(before, now, prior, expected.search, expected.slack_px)

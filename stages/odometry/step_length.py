@@ -40,7 +40,7 @@ def step_length(
 ) -> StepLength:
     """Mean of the length by points and of the one that is expected; where they contradict each other, one of both.
 
-    by_points: length by points common with the step before and its scatter, metres; nan where there are too few.
+    `by_points`: length by points common with the step before and its scatter, metres; nan where there are too few.
     """
     given, sigma = expected.prior.length_m, expected.prior.sigma_m
     spacing, (carried, scatter) = expected.spacing_m, by_points

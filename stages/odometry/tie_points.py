@@ -118,8 +118,8 @@ class PairMotion:
     def matches(self, slack_px: float, bits: int, ratio: float) -> NDArray[np.int64]:
         """Rows (n, 2) of matched corners of both images, searched in bands along the epipolar lines.
 
-        slack_px: half width of the bands. bits, ratio: largest descriptor distance, and its largest ratio to the second
-        best.
+        `slack_px`: half width of the bands. `bits`, `ratio`: largest descriptor distance, and its largest ratio to the
+        second best.
         """
         far, epipole = self.far_points(slice(None))
         outward = far - epipole

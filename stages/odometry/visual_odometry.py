@@ -56,7 +56,7 @@ def estimate_motion(
     Rays of both have no baseline, and a panel would get the same measurement twice. Slow motion adds up, since images
     are compared with the one that was used last.
 
-    each: does independent work, as `map`. Raises InputError where no source gives the length of a step.
+    `each`: does independent work, as `map`. Raises InputError where no source gives the length of a step.
     """
     odometry = VisualOdometry(settings, partial(estimate_relative_pose, each=each))
     for item in images:

@@ -18,7 +18,7 @@ _ROUNDED, _ROUNDED_SHORT = 0.1, 0.15
 class Segments(NamedTuple):
     """Segments in an image: ends and outward normals (k, 2).
 
-    jacobian (k, 5): derivative of a segment's offset along its normal by left, top, right, bottom and rotation.
+    `jacobian` (k, 5): derivative of a segment's offset along its normal by left, top, right, bottom and rotation.
     """
 
     begin: Array

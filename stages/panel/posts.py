@@ -124,8 +124,8 @@ def posts_below(
 ) -> tuple[list[Strip], list[PostEdges]]:
     """The strips below a panel in two of its nearest views that show all of them, and the likely posts there.
 
-    box (4,): left, top, right, bottom of the panel in samples of the template. above_m: height of its lower edge above
-    the road.
+    `box` (4,): left, top, right, bottom of the panel in samples of the template. `above_m`: height of its lower edge
+    above the road.
     """
     step, plane, found = registered.step, registered.plane, list[Strip]()
     middle = (np.array(registered.views[0][0].grey.shape[::-1]) - 1) / 2

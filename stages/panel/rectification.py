@@ -110,7 +110,7 @@ def rectify(
 ) -> list[RectifiedView]:
     """Resample images, each with its depth, at offsets right and down in the plane, metres, evenly spaced.
 
-    columns: (m,), rows: (n,). The projection varies slowly over a panel: it is computed on a grid and interpolated
+    `columns`: (m,), rows: (n,). The projection varies slowly over a panel: it is computed on a grid and interpolated
     linearly between.
     """
     knots = [np.linspace(at[0], at[-1], _CELLS + 1) for at in (columns, rows)]

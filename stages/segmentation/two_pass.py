@@ -70,7 +70,7 @@ def band_of(camera: Camera | None, height: int) -> tuple[int, int]:
     That bounds the angle above and below the horizon, which lies at the principal point for a level camera, give or
     take the pitch margin. Lens distortion moves these rows by a few pixels at most and is left out.
 
-    height: rows of the image. Without a camera the band is the whole image.
+    `height`: rows of the image. Without a camera the band is the whole image.
     """
     if camera is None:
         return 0, height
@@ -131,7 +131,7 @@ def optimal_breaks(histogram: NDArray[Any], classes: int) -> NDArray[np.int64]:
     values in j classes is D[j, i] = min over t of D[j-1, t] + cost(t, i). It is the sum of squared distances to the
     mean. (Lloyd steps from quantiles end at two to three times this optimum.)
 
-    histogram (n,): how often each value occurs, none negative. classes: k, 1 to n; some are empty where fewer values
+    histogram (n,): how often each value occurs, none negative. `classes`: k, 1 to n; some are empty where fewer values
     occur. Returns (classes,), rising (equal where a class is empty), the first is 0.
 
     Raises ValueError where the histogram is empty, not one-dimensional or negative somewhere, or k is not from 1 to n.
