@@ -111,7 +111,7 @@ def _along(
 
 
 def utc(time: datetime) -> datetime:
-    """A time with its zone, UTC where it has none."""
+    """A time with its zone; without one it is UTC."""
     return time if time.tzinfo else time.replace(tzinfo=UTC)
 
 

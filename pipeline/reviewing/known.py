@@ -46,7 +46,7 @@ class KnownResult:
 
     @classmethod
     def of(cls, out: Path, route: RouteSettings | None = None) -> "KnownResult":
-        """That in a folder; raises InputError if there is none, or it is damaged.
+        """The result in a folder; raises InputError if it is missing or damaged.
 
         `route`: instead of that of the run.
         """
@@ -128,7 +128,7 @@ class KnownResult:
 def _camera(row: Mapping[str, Any]) -> dict[str, Any]:
     """A row of frames with the camera's axes in world axes, and its place and level direction as x + iy.
 
-    Without a direction it is that of a camera that looks along x.
+    Without a direction the camera is taken to look along x.
     """
     turn = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     quaternion = [row[name] for name in ("qx", "qy", "qz", "qw")]

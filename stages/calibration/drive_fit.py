@@ -135,7 +135,7 @@ class DriveCalibration:
 
 
 def describe_calibration(found: DriveCalibration, source: str) -> str:
-    """What a drive says of the calibration given, in a sentence; source: of that, empty where there is none."""
+    """A sentence on the given calibration by a drive; `source` of that calibration, empty without one."""
     told = ", ".join(
         f"{name} {one.value:.4g} ± {one.sigma:.2g}"
         + (f" (given {one.given:.4g})" if source else "")

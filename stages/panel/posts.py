@@ -1,9 +1,9 @@
 """What a panel stands on: the strip below it, rectified on its plane, in its nearest views.
 
 Both edges of a post run down the whole strip, under the middle of the panel or at equal distances to both sides of it.
-Edges of the background end sooner or move from view to view, so that the geometric mean of an edge's strength over
-pieces of the strip, in the view that shows it least, tells them apart. Rust and grooves have edges as well: a
-conditional logit (McFadden 1974) weighs all likely edges with all kinds.
+Edges of the background end sooner or move from view to view. So the strength of an edge is its geometric mean over
+pieces of the strip, in the view that shows it least. Rust and grooves have edges as well: a conditional logit
+(McFadden 1974) weighs all likely edges with all kinds.
 """
 
 from collections.abc import Iterator, Sequence

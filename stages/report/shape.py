@@ -1,7 +1,7 @@
 """Shape class of candidates by the Fourier descriptors of their outlines (report chapter 4).
 
-An outline is the convex hull of the middles of the pixel edges of a region: faces are convex (all but crossbucks), and
-a legend or border that cuts into the region does not count. Signs stand upright, and a turned panel looks narrower. So
+An outline is the convex hull of the middles of the pixel edges of a region. All faces but crossbucks are convex, and a
+legend or border that cuts into the region does not count. Signs stand upright, and a turned panel looks narrower. So
 outlines are scaled to one width and height, and terms keep their phases: a square is no diamond.
 """
 
@@ -28,7 +28,7 @@ _EDGES = np.array([[-0.5, 0], [0.5, 0], [0, -0.5], [0, 0.5]], np.float32)  # fro
 
 
 class Outlines(NamedTuple):
-    """Outlines of n regions; nan where there is none."""
+    """Outlines of n regions; nan for a region without one."""
 
     points: NDArray[np.complex128]
     """(n, `SAMPLES`), u + iv in pixels of the label image, clockwise as seen."""
@@ -68,8 +68,8 @@ def resample_outline(outline: NDArray[np.complex128]) -> NDArray[np.complex128]:
 def fourier_descriptors(outlines: Outlines) -> NDArray[np.float64]:
     """Descriptors (n, `DESCRIPTORS`) of outlines: Z_k / |Z_1| for k in `TERMS`, their proportions, and `filled`.
 
-    The first are real and imaginary parts, of an outline of width and height 1 that starts where the phase of Z_1 is 0:
-    place, scale and start point change nothing (report chapter 4). Proportions are the logarithm of width by height.
+    The first are real and imaginary parts, of an outline of width and height 1 that starts where the phase of Z_1 is 0.
+    Place, scale and start point change nothing (report chapter 4). Proportions are the logarithm of width by height.
     """
     u, v = outlines.points.real, outlines.points.imag
     wide, tall = np.ptp(u, axis=1, keepdims=True), np.ptp(v, axis=1, keepdims=True)

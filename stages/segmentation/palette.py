@@ -77,12 +77,12 @@ def palette(sample: NDArray[np.uint8], clusters: int) -> NDArray[np.uint8]:
 def nearest_centers(
     colors: NDArray[np.uint8], centers: NDArray[Any], of_distance: NDArray[Any] = ROUNDED
 ) -> tuple[NDArray[np.uint8], NDArray[Any]]:
-    """Nearest centre of each colour, the lower one on a tie, and what stands for its rounded distance to it.
+    """Nearest centre of each colour, the lower one on a tie, and the entry of its rounded distance.
 
     The rounded distances themselves are the difference image of the report (chapter 2.3).
 
-    colors (..., 3): an image or whole rows of one, uint8, C-contiguous. centers (k, 3): whole-numbered colours, k from
-    1 to 256. of_distance (443,): an entry for each rounded distance. Returns labels, uint8, and entries, both (...).
+    `colors` (..., 3): an image or whole rows of one, uint8, C-contiguous. `centers` (k, 3): whole-numbered colours, k
+    from 1 to 256. `of_distance` (443,): an entry for each rounded distance. Returns labels (uint8) and entries (...).
 
     Raises ValueError where an array is of another type, shape or layout.
     """
