@@ -20,6 +20,8 @@ addEventListener("pageshow", async () => {
   report.id = "wayside-test";
   const press = (key, target = document.body) =>
     target.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true, cancelable: true }));
+  // The dump of the page waits for timers, but not for the decoding of an image.
+  const until = async (done) => { while (!done()) await new Promise((go) => setTimeout(go, 10)); };
   try { report.textContent = "DONE" + JSON.stringify(await (async () => { %s })()); }
   catch (error) { report.textContent = "FAIL" + error.stack; }
   document.body.append(report);
@@ -36,20 +38,17 @@ def in_browser():
 
 
 def _run_page(page, script, fragment="", profile=None, width=1280):
-    """What a script (the body of an async function; `press(key)` types) returns in a copy of the page in its folder.
+    """What a script (the body of an async function with `press` and `until`) returns in a copy of the page beside it.
 
     profile: folder of a browser profile, kept between calls; None: a new one. width: of the window, pixels.
     """
     copy = page.with_name(f"{page.stem}.tested.html")
     copy.write_text(page.read_text("utf-8").replace("</body>", _HARNESS % script), "utf-8")
-    command = [str(_FOUND), "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom"]
-    command += [f"--window-size={width},844", "--virtual-time-budget=20000"]
-    command.append("--disable-dev-shm-usage")
-    if profile is not None:
-        command.append(f"--user-data-dir={profile}")
-    done = subprocess.run(
-        [*command, copy.as_uri() + fragment], capture_output=True, text=True, timeout=120
-    )
+    command = [str(_FOUND), "--headless", "--no-sandbox", "--disable-dev-shm-usage"]
+    command += ["--disable-gpu", "--dump-dom", "--virtual-time-budget=20000"]
+    command += [f"--window-size={width},844", copy.as_uri() + fragment]
+    command += [f"--user-data-dir={profile}"] if profile else []
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
     found = re.search(r'<pre id="wayside-test">(DONE|FAIL)(.*?)</pre>', done.stdout, re.DOTALL)
     assert found, done.stderr[-2000:]
     assert found[1] == "DONE", unescape(found[2])

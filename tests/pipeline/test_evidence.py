@@ -330,7 +330,7 @@ def test_the_address_keeps_the_filters_on_the_way_to_a_sign_and_back(out, tmp_pa
         dispatchEvent(new PageTransitionEvent("pageshow"));
         found.push(shown(), fields.color.value);
         form.reset();
-        await new Promise(done => setTimeout(done, 10));
+        await until(() => !location.hash);
         return [...found, shown(), location.hash];
         """,
         fragment="#color=red&sort=best",
@@ -378,7 +378,7 @@ def test_a_view_of_a_sheet_is_enlarged_and_put_back(sheets, in_browser, width):
         const view = document.querySelector(".small figure button"), before = view.firstChild.width;
         view.click();
         const shown = large.querySelector("img");
-        await shown.decode();
+        await until(() => shown.complete);
         press("ArrowRight");  // leads to no other sign now
         const found = [large.open, shown.src === view.firstChild.src, shown.width > 1.2 * before];
         const fits = shown.getBoundingClientRect().right <= innerWidth;
@@ -501,7 +501,7 @@ def test_a_person_corrects_the_inventory_in_the_index(out, tmp_path, in_browser,
         await openImages();
         for (const step of [1, 2]) {  // a point that the second and the fourth camera see
           showImage(step);
-          while (!at("view").clientHeight) await new Promise(done => setTimeout(done, 20));
+          await until(() => at("view").clientHeight);
           const ahead = 40 - 8 * shown, edge = at("view").getBoundingClientRect();
           const [u, v] = [(80.5 + 150 * 6 / ahead) / 160, (60.5 - 150 * 0.5 / ahead) / 120];
           const where = { clientX: edge.left + u * edge.width, clientY: edge.top + v * edge.height };

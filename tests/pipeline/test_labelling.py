@@ -160,7 +160,7 @@ def test_a_person_marks_by_keyboard_and_goes_on_another_day(marked, in_browser, 
         press("s"); press("N"); press("3"); press("d"); press("s"); press("u"); press("b");
         press("ArrowLeft"); press("Backspace"); press("s", document.getElementById("reviewer"));
         const scene = document.querySelector("#scene img");
-        await scene.decode();
+        await until(() => scene.complete);
         const [outer, inner] = [scene, document.querySelector("#scene .box")].map(one => one.getBoundingClientRect());
         return { saved: saved(), wide: document.documentElement.scrollWidth - innerWidth,
           scene: [scene.naturalWidth, (inner.left - outer.left) / outer.width] };
