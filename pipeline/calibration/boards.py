@@ -36,7 +36,7 @@ _AS_STORED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
 """Images that Exif turns are refused before this makes a difference."""
 _CELLS = 16
 """Cells across the image."""
-_WIDTH, _LEGEND, _DPI = 1200, 40, 100
+_WIDTH, _LEGEND, _DPI = 1200, 90, 100
 _SHADES, _LINE, _UNUSED, _DOT = ("white", "#f0e2de"), "#bebebe", "#969696", 25
 _LARGEST_GAP_PX = 0.5
 _FAR = 0.8
@@ -247,11 +247,10 @@ def draw_coverage(found: CalibratedImages) -> NDArray[np.uint8]:
     axes.set_axis_off()
     words = (
         f"{len(lengths)} corners of {sum(v.used for v in found.calibration.views)} views, "
-        f"residual 0 (blue) to {largest:.2f} px (red); "
-        f"shaded: no corner ({100 * coverage.empty:.0f} %); outermost corner at "
-        f"{100 * coverage.reach:.0f} % of the image's"
+        f"residual 0 (blue) to {largest:.2f} px (red)\nshaded: no corner ({100 * coverage.empty:.0f} %); "
+        f"outermost corner at {100 * coverage.reach:.0f} % of the image's"
     )
-    figure.text(0.01, 0.3 * _LEGEND / height, words)
+    figure.text(0.01, 0.2 * _LEGEND / height, words, fontsize=22)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()  # type: ignore[no-untyped-call]
     rgba = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]

@@ -105,10 +105,10 @@ def _trajectories(drive: Drive) -> Iterator[Figure]:
     counts = Counter(view.frame for one in asked for view in one.views)
     frame = max(counts, key=lambda k: (counts[k], -k))
     rgb = drive.images({frame})[frame]
-    pages = []
-    for shown in (asked, [one for one, keeps in zip(asked, typical, strict=True) if keeps]):
+    pages, kept = [], [one for one, keeps in zip(asked, typical, strict=True) if keeps]
+    for when, shown in (("before", asked), ("after", kept)):
         boxes = [view.box for one in shown for view in one.views if view.frame == frame]
-        key = f"image {frame}: {len(boxes)} segments"
+        key = f"image {frame}, {when}: {len(boxes)} segments"
         pages.append(photo(boxed(rgb, boxes, SIGN_INK), key, IMAGE_WIDE))
     claim = reached(sum(right), len(right), NEARLY_ALL)
     yield figure("5.3, 5.4").shown("; ".join(words), *pages, claim=claim)
@@ -228,8 +228,8 @@ def _span(values: ArrayLike) -> tuple[float, float]:
 
 def _size(drive: Drive, signs: list[Landmark]) -> Figure:
     listed = [sign for sign in signs if drive.judge(sign) == ON] or signs
-    # that of the report is one whose size the adjustment gave well
-    one = min(listed, key=lambda sign: sign.sigma_width_m / sign.width_m)
+    # the report reads its size from points
+    one = max(listed, key=lambda sign: dict(sign.evidence).get("rigidity", 0.0))
     wide, tall = one.width_m / FEET, one.height_m / FEET
     ends = [(-1, np.ceil(max(p)) + 1) for p in zip((wide, tall), REPORT_SIZE_FT, strict=True)]
     axes = new_axes(ends[0], ends[1], ("ft", "ft"), equal=True)
@@ -238,7 +238,7 @@ def _size(drive: Drive, signs: list[Landmark]) -> Figure:
     for x, y, ink, style, name in shown:
         axes.plot([0, x, x, 0, 0], [0, 0, y, y, 0], style, color=INKS[ink], label=name)
     return figure("8.6").shown(
-        f"the {(one.color or '').replace('_', ' ')} sign of the surest width: {wide:.1f} ± "
+        f"the {(one.color or '').replace('_', ' ')} sign whose points agree best: {wide:.1f} ± "
         f"{one.sigma_width_m / FEET:.1f} ft wide, {tall:.1f} ± {one.sigma_height_m / FEET:.1f} ft high, by its boxes "
         f"in {len(one.views)} images",
         svg(axes),

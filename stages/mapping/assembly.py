@@ -43,9 +43,9 @@ def classify_location(
         sides = (one.width_m, one.height_m)
         if one.verdict != "sign":
             return one
-        if model is not None:
-            if ratio < model.threshold:
-                return replace(one, verdict="location")
+        if model is not None and ratio < model.threshold:
+            return replace(one, verdict="location")
+        if model is not None and model.background:  # else a density, which is no evidence
             one = replace(one, evidence=(*one.evidence, ("place", ratio)))
         plausible = settings.smallest_side_m <= min(sides) and max(sides) <= settings.largest_side_m
         return one if plausible else replace(one, verdict="panel_size")

@@ -36,8 +36,10 @@ def located(frames, where=None, settings=LIMITS):
 )
 def test_landmarks_far_from_where_signs_stand_are_refused(where, expected):
     signs = [Panel(3.5, 1.0, 100.0), Panel(-4.0, 1.0, 130.0), Panel(3.0, 5.0, 140.0)]
-    found = {round(p.station_m): p.verdict for p in landmarks_of(located(drive(signs, 22), where))}
-    assert found == dict(zip((100, 130, 140), expected, strict=True))
+    found = landmarks_of(located(drive(signs, 22), where))
+    verdicts = {round(one.station_m): one.verdict for one in found}
+    assert verdicts == dict(zip((100, 130, 140), expected, strict=True))
+    assert not any("place" in dict(one.evidence) for one in found)  # a density is no evidence
 
 
 @pytest.mark.parametrize(("where", "verdict"), [(model((3.1, 0.6)), "location"), (None, "sign")])
@@ -63,12 +65,8 @@ def test_a_model_of_another_space_is_refused():
 
 
 def test_panels_of_one_post_share_a_number_and_others_do_not():
-    signs = [
-        Panel(3.5, 2.0, 120.0),
-        Panel(3.5, 1.2, 120.0),
-        Panel(-3.5, 1.2, 120.0),
-        Panel(3.5, 1.2, 140.0),
-    ]
+    places = [(3.5, 2.0, 120.0), (3.5, 1.2, 120.0), (-3.5, 1.2, 120.0), (3.5, 1.2, 140.0)]
+    signs = [Panel(*place) for place in places]
     by_post = {}
     for place in landmarks_of(located(drive(signs, 22))):
         by_post.setdefault((place.right_m > 0, round(place.station_m)), set()).add(place.assembly)
