@@ -106,7 +106,7 @@ def meet_rays(
     c0: Array, c1: Array, d0: Array, d1: Array, point: Array, gap: Array, along: Array
 ) -> None:
     """Kernel of `midpoint`, for other kernels: fills point (n, 3), gap (n,), along (n, 2)."""
-    b = c1 - c0
+    x, y, z = c1[0] - c0[0], c1[1] - c0[1], c1[2] - c0[2]
     for i in range(d0.shape[0]):
         p, q = d0[i], d1[i]
         # (7.1) q3 = q1 x q2, at right angles to both rays
@@ -123,16 +123,16 @@ def meet_rays(
             continue
         # (7.2), (7.3) C1 + g1 q1 + g3 q3 = C2 + g2 q2, solved by Cramer's rule
         g1 = (
-            (b[1] * q[2] - b[2] * q[1]) * n0
-            + (b[2] * q[0] - b[0] * q[2]) * n1
-            + (b[0] * q[1] - b[1] * q[0]) * n2
+            (y * q[2] - z * q[1]) * n0
+            + (z * q[0] - x * q[2]) * n1
+            + (x * q[1] - y * q[0]) * n2
         ) / square
         g2 = (
-            (b[1] * p[2] - b[2] * p[1]) * n0
-            + (b[2] * p[0] - b[0] * p[2]) * n1
-            + (b[0] * p[1] - b[1] * p[0]) * n2
+            (y * p[2] - z * p[1]) * n0
+            + (z * p[0] - x * p[2]) * n1
+            + (x * p[1] - y * p[0]) * n2
         ) / square
-        g3 = (b[0] * n0 + b[1] * n1 + b[2] * n2) / square
+        g3 = (x * n0 + y * n1 + z * n2) / square
         # (7.4) f = C1 + g1 q1 + (g3 / 2) q3
         point[i, 0] = c0[0] + g1 * p[0] + 0.5 * g3 * n0
         point[i, 1] = c0[1] + g1 * p[1] + 0.5 * g3 * n1

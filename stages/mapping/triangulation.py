@@ -61,19 +61,9 @@ def triangulate_views(
     views = Views(
         shaped(rotations, (n, 3, 3)), shaped(centres, (n, 3)), shaped(rays, (n, 2)), sigma
     )
-    point, covariance = np.empty(3), np.empty((3, 3))
-    triangulate(views, point, covariance)
-    return point, covariance
-
-
-@compiled
-def triangulate(views: Views, point: Array, covariance: Array) -> None:
-    """Fill point (3,) and covariance (3, 3), see `triangulate_views`; it checks no shapes."""
-    point[:], covariance[:] = np.nan, np.nan
+    point, covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
     inflation = _solve(views, point, covariance)
-    for i in range(3):
-        for j in range(3):
-            covariance[i, j] *= inflation
+    return point, covariance * inflation
 
 
 @compiled

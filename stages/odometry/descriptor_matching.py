@@ -41,31 +41,20 @@ def match_in_bands(
     owner = np.full(m, -1, np.int64)
     if m > 0:
         kinds = descriptors.view(np.uint64), others.view(np.uint64)
-        _match(bands, *kinds, points, farthest, ratio, owner)
+        _match(bands, *kinds, points, *_by_cell(points), farthest, ratio, owner)
     found = np.flatnonzero(owner >= 0)
     pairs = np.stack([owner[found], found], axis=1)
     return np.asarray(pairs[np.argsort(pairs[:, 0])])
 
 
-@compiled
 def _by_cell(points: Array) -> tuple[Numbers, Numbers, Array, int, int]:
     # Points by cell, row after row, and the place of the first of each cell in that order. Corner and size of the grid.
-    low, high = points[0].copy(), points[0].copy()
-    for i in range(points.shape[0]):
-        for k in range(2):
-            low[k], high[k] = min(low[k], points[i, k]), max(high[k], points[i, k])
-    columns, rows = int((high[0] - low[0]) / CELL_PX) + 1, int((high[1] - low[1]) / CELL_PX) + 1
-    key = np.empty(points.shape[0], np.int64)
-    first, order = np.zeros(columns * rows + 2, np.int64), np.empty_like(key)
-    for i in range(key.shape[0]):
-        column, row = int((points[i, 0] - low[0]) / CELL_PX), int((points[i, 1] - low[1]) / CELL_PX)
-        key[i] = row * columns + column
-        first[key[i] + 2] += 1
-    first = np.cumsum(first)
-    for i in range(key.shape[0]):
-        order[first[key[i] + 1]] = i
-        first[key[i] + 1] += 1
-    return order, first, low, columns, rows
+    low = points.min(axis=0)
+    cell = ((points - low) / CELL_PX).astype(np.int64)
+    columns, rows = (cell.max(axis=0) + 1).tolist()
+    key = cell[:, 1] * columns + cell[:, 0]
+    first = np.cumsum(np.bincount(key + 1, minlength=columns * rows + 1))
+    return np.argsort(key, kind="stable"), first, low, columns, rows
 
 
 @compiled
@@ -80,16 +69,20 @@ def _bits(word: np.uint64) -> np.uint64:
 
 
 @compiled
-def _match(
+def _match(  # noqa: PLR0913 - arrays of a kernel
     bands: Array,
     descriptors: NDArray[np.uint64],
     others: NDArray[np.uint64],
     points: Array,
+    order: Numbers,
+    first: Numbers,
+    low: Array,
+    columns: int,
+    rows: int,
     farthest: int,
     ratio: float,
     owner: Numbers,
 ) -> None:
-    order, first, low, columns, rows = _by_cell(points)
     candidates, distances, closest = np.empty((3, points.shape[0]), np.int64)
     for i in range(bands.shape[0]):
         u, v, du, dv, length, width = bands[i]

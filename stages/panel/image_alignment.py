@@ -132,8 +132,9 @@ def _gauss_newton(
             return 0.0, 0.0
         if squares > least * inside:
             # too far: between samples the slope of a patch jumps, and full steps go to and fro across such a place
-            step *= 0.5
-            x -= step
+            for k in range(6):
+                step[k] *= 0.5
+                x[k] -= step[k]
         else:
             least = squares / inside
             prior = _variance(squares, inside) / STRETCH_SIGMA**2
@@ -142,8 +143,9 @@ def _gauss_newton(
                 right[k] -= prior * (x[k] - 1.0)
             if not cholesky_solve(normal, right):
                 return 0.0, 0.0
-            step = right.copy()
-            x += step
+            for k in range(6):
+                step[k] = right[k]
+                x[k] += step[k]
         if max(abs(x[0] - start_u), abs(x[1] - start_v)) > LARGEST_SHIFT:
             return 0.0, 0.0
         if max(abs(x[2] - 1), abs(x[3] - 1)) > LARGEST_STRETCH:
