@@ -46,11 +46,12 @@ def compiled(function: Kernel) -> Kernel:
 
 
 def compiled_within(function: Kernel) -> Kernel:
-    """Like `compiled`, for kernels that close over other kernels.
+    """Like `compiled`, for kernels that only other kernels call.
 
-    Their machine code is part of each kernel that calls them and is cached there, so they have no cache of their own.
+    Their machine code is part of each kernel that calls them and is cached there. They have no cache of their own, and
+    no wrapper for callers in Python, which takes long to be compiled where the arguments are many arrays.
     """
-    return cast(Kernel, numba.njit(inline="always", **_OPTIONS)(function))
+    return cast(Kernel, numba.njit(no_cpython_wrapper=True, **_OPTIONS)(function))
 
 
 def require_array(

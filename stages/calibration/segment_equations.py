@@ -19,7 +19,7 @@ from wayside.schemas.frame import Camera
 from wayside.stages.adjustment import ANCHOR_SIGMA_PX, TIE_SCALE
 from wayside.stages.calibration.segment import Segment
 from wayside.stages.geometry import to_rays
-from wayside.stages.kernels import Array, compiled
+from wayside.stages.kernels import Array, compiled, compiled_within
 
 _FLOOR = 1e-9
 
@@ -270,7 +270,7 @@ def _accumulate(
         _add_row(row, column, own * errors[k, 0], own * errors[k, 1], track[at], found)
 
 
-@compiled
+@compiled_within
 def _add_row(
     row: Array, column: NDArray[np.int64], u: float, v: float, track: int, found: Equations
 ) -> None:

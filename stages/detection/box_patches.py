@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.stages.imaging import Pyramid, pyramid
-from wayside.stages.kernels import compiled, require_array, require_image
+from wayside.stages.kernels import compiled, compiled_within, require_array, require_image
 
 SIDE, INNER = 48, 28
 """Samples of the patch and of the box in it, each way."""
@@ -38,7 +38,7 @@ def drawn_patches(levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.uint8
     return result.reshape(-1, SIDE, SIDE, 3)
 
 
-@compiled
+@compiled_within
 def _draw(image: Any, scale: Any, box: Any, at: Any, above: Any, below: Any, pixels: Any) -> None:
     """Sample the patch (48, 144), rows of red, green and blue, linear between pixels, from an image `scale` smaller.
 
@@ -74,7 +74,7 @@ def _draw(image: Any, scale: Any, box: Any, at: Any, above: Any, below: Any, pix
             pixels[i, j] = ((256 - weight) * above[j] + weight * below[j]) >> 16
 
 
-@compiled
+@compiled_within
 def _sample_row(row: Any, at: Any, samples: Any) -> None:
     """A row (width, 3) of an image at the columns of a patch, times 256."""
     for j in range(SIDE):

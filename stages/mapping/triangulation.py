@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.stages.geometry import invert_symmetric, meet_rays
-from wayside.stages.kernels import Array, compiled, shaped
+from wayside.stages.kernels import Array, compiled, compiled_within, shaped
 
 CAUCHY_SIGMAS = 2.385
 """Residual where a Cauchy cost starts to flatten: 95 % efficiency on normal errors (Holland and Welsch 1977)."""
@@ -102,7 +102,7 @@ def _solve(views: Views, point: Array, inverse: Array) -> float:
     return max(1.0, normal.fit[0] / freedom) if freedom > 0 else 1.0
 
 
-@compiled
+@compiled_within
 def _start(views: Views, normal: _Normal, best: Array) -> float:
     # Fills `best` with the midpoint of two views that has the lowest cost over all views; inf where no two meet.
     n = views.rays.shape[0]
@@ -127,7 +127,7 @@ def _start(views: Views, normal: _Normal, best: Array) -> float:
     return lowest
 
 
-@compiled
+@compiled_within
 def _linearise(views: Views, point: Array, normal: _Normal) -> float:
     # The cost, and weighted J'J and -J'r. A view whose camera is behind the point adds a large constant.
     matrix, right, fit = normal
@@ -158,7 +158,7 @@ def _linearise(views: Views, point: Array, normal: _Normal) -> float:
     return cost
 
 
-@compiled
+@compiled_within
 def projected(point: Array, r: Array, centre: Array) -> tuple[float, float, float]:
     """Ideal image coordinates and depth of a point in a camera of rotation r."""
     a, b, c = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.kernels import Array, compiled, require_array
+from wayside.stages.kernels import Array, compiled, compiled_within, require_array
 
 CELL_PX = 32.0
 """Side of a cell of the index of corners; any value gives the same matches."""
@@ -57,7 +57,7 @@ def _by_cell(points: Array) -> tuple[Numbers, Numbers, Array, int, int]:
     return np.argsort(key, kind="stable"), first, low, columns, rows
 
 
-@compiled
+@compiled_within
 def _bits(word: np.uint64) -> np.uint64:
     # Population count; the compiler turns it into one instruction.
     word = word - ((word >> np.uint64(1)) & np.uint64(0x5555555555555555))

@@ -19,7 +19,7 @@ from wayside.stages.geometry import (
     rotation_from_vector,
     tangent_basis,
 )
-from wayside.stages.kernels import Array, compiled, require_array
+from wayside.stages.kernels import Array, compiled, compiled_within, require_array
 
 DIFFERENCE_STEP = 1e-6
 """Step of forward differences, radians: half of the digits of a double."""
@@ -116,7 +116,7 @@ def sampson_px(
     return result
 
 
-@compiled
+@compiled_within
 def _move(problem: _Problem, estimate: _Estimate, rotation: Array, direction: Array) -> None:
     # By `step` (5,): rotation vector, then at right angles to the direction, which stays of unit length: that holds the
     # baseline.
@@ -161,7 +161,7 @@ def _sampson(
         result[i] = focal_px * (x * a + y * b + c) / np.sqrt(max(square, 1e-12))
 
 
-@compiled
+@compiled_within
 def _residuals(problem: _Problem, rotations: Array, centres: Array, result: Array) -> None:
     # Of the rays (n,) in px, then of the prior (6,) in sigmas.
     n = problem.previous.shape[0]
@@ -171,7 +171,7 @@ def _residuals(problem: _Problem, rotations: Array, centres: Array, result: Arra
     constraint_residuals(rotations, centres, problem.prior, result[n:].reshape(1, 6))
 
 
-@compiled
+@compiled_within
 def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
     residuals, n = estimate.residuals, problem.previous.shape[0]
     _residuals(problem, estimate.rotations, estimate.centres, residuals)
@@ -183,7 +183,7 @@ def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
     return of_rays * (problem.scale_px / problem.sigma_px) ** 2 + of_prior
 
 
-@compiled
+@compiled_within
 def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
     jacobian, normal, right = problem.jacobian, problem.normal, problem.right
     residuals, n = estimate.residuals, problem.previous.shape[0]
@@ -208,7 +208,7 @@ def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
                 normal[k, m] += weight * jacobian[k, i] * jacobian[m, i]
 
 
-@compiled
+@compiled_within
 def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estimate) -> bool:
     for k in range(5):
         problem.step[k] = problem.right[k]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.stages.geometry import invert_symmetric
-from wayside.stages.kernels import Array, Each, compiled, require_array
+from wayside.stages.kernels import Array, Each, compiled, compiled_within, require_array
 
 FARTHEST_SHIFT_PX = 3.0
 """Largest shift from where a patch is expected, besides the search."""
@@ -91,7 +91,7 @@ def register_patches(
     return found
 
 
-@compiled
+@compiled_within
 def _inside(
     image: NDArray[np.uint8], u: float, v: float, warp: Array, scale: float, margin: float
 ) -> bool:
@@ -103,7 +103,7 @@ def _inside(
     return inside and u + reach_u < width - 1 and v + reach_v < height - 1
 
 
-@compiled
+@compiled_within
 def _coarse(
     far: NDArray[np.uint8],
     near: NDArray[np.uint8],
@@ -144,7 +144,7 @@ def _coarse(
     return best_u, best_v
 
 
-@compiled
+@compiled_within
 def _template(
     far: NDArray[np.uint8], u: int, v: int, template: Array, jacobian: Array, normal: Array
 ) -> float:
@@ -184,7 +184,7 @@ def _template(
     return square
 
 
-@compiled
+@compiled_within
 def _fit(
     near: NDArray[np.uint8],
     template: Array,

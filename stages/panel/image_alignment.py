@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.measurement import Alignment
 from wayside.stages.geometry import cholesky_solve
-from wayside.stages.kernels import Array, compiled, require_array
+from wayside.stages.kernels import Array, compiled, compiled_within, require_array
 
 ITERATIONS = 12
 """Gauss-Newton steps at most, whole or halved."""
@@ -70,7 +70,7 @@ def _variance(squares: float, inside: float) -> float:
     return max(squares / independent, SMALLEST_VARIANCE)
 
 
-@compiled
+@compiled_within
 def _normal_equations(
     template: Array, weight: Array, patch: Array, x: Array, normal: Array, right: Array
 ) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.classifiers import log_normals
 from wayside.stages.geometry import cross_matrices
-from wayside.stages.kernels import Array, compiled
+from wayside.stages.kernels import Array, compiled, compiled_within
 from wayside.stages.mapping import (
     BOX_SIGMA,
     GAP_SHARE,
@@ -115,7 +115,7 @@ def _describe(
                             found[i, r, c, k] += weights[r, a] * across[c, k]
 
 
-@compiled
+@compiled_within
 def _sample(
     image: NDArray[np.uint8],
     x: float,

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.kernels import Array, compiled, require_array, require_image
+from wayside.stages.kernels import Array, compiled, compiled_within, require_array, require_image
 
 MOST_CENTERS = 256
 """A label image holds bytes."""
@@ -180,7 +180,7 @@ def _settle(colors: Floats, weight: Floats, centers: Floats, steps: int) -> floa
     return float((weight * squared).astype(np.float64).sum())
 
 
-@compiled
+@compiled_within
 def _nearest(
     colors: Floats, centers: Floats, label: NDArray[np.int32], squared: NDArray[np.float32]
 ) -> None:

@@ -11,7 +11,7 @@ from wayside.schemas.detections import SOURCES, Dropped, Regions, Segmentation
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import Camera, Image
 from wayside.schemas.settings import GateSettings, SegmentSettings
-from wayside.stages.kernels import compiled, require_array
+from wayside.stages.kernels import compiled, compiled_within, require_array
 from wayside.stages.segmentation.palette import (
     DIFFERENCES,
     nearest_centers,
@@ -261,7 +261,7 @@ def _measure(
                 sums[k, c] += rgb[y, x, c]
 
 
-@compiled
+@compiled_within
 def _root(parent: NDArray[np.int32], i: int) -> int:
     while parent[i] != i:
         parent[i] = parent[parent[i]]
