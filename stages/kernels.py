@@ -51,7 +51,8 @@ def compiled_within(function: Kernel) -> Kernel:
     Their machine code is part of each kernel that calls them and is cached there. They have no cache of their own, and
     no wrapper for callers in Python, which takes long to be compiled where the arguments are many arrays.
     """
-    return cast(Kernel, numba.njit(no_cpython_wrapper=True, **_OPTIONS)(function))
+    options = _OPTIONS | {"no_cpython_wrapper": True}
+    return cast(Kernel, numba.njit(**options)(function))
 
 
 def require_array(

@@ -123,14 +123,10 @@ def meet_rays(
             continue
         # (7.2), (7.3) C1 + g1 q1 + g3 q3 = C2 + g2 q2, solved by Cramer's rule
         g1 = (
-            (y * q[2] - z * q[1]) * n0
-            + (z * q[0] - x * q[2]) * n1
-            + (x * q[1] - y * q[0]) * n2
+            (y * q[2] - z * q[1]) * n0 + (z * q[0] - x * q[2]) * n1 + (x * q[1] - y * q[0]) * n2
         ) / square
         g2 = (
-            (y * p[2] - z * p[1]) * n0
-            + (z * p[0] - x * p[2]) * n1
-            + (x * p[1] - y * p[0]) * n2
+            (y * p[2] - z * p[1]) * n0 + (z * p[0] - x * p[2]) * n1 + (x * p[1] - y * p[0]) * n2
         ) / square
         g3 = (x * n0 + y * n1 + z * n2) / square
         # (7.4) f = C1 + g1 q1 + (g3 / 2) q3
