@@ -20,6 +20,9 @@ class Item(Protocol):
         """The frame."""
 
 
+AHEAD_FROM = 4
+"""Workers from which a second thread does steps in order: with fewer, the first one is not what they wait for."""
+
 Source = TypeVar("Source", bound=Item)
 Result = TypeVar("Result", bound=Item)
 Value = TypeVar("Value")
@@ -129,14 +132,14 @@ class _ThreadState(threading.local):
 
 
 class Workers:
-    """Threads that do the work of a run; with one worker all is done in the thread that asks.
+    """Threads that do the work of a run; the thread that asks is one of them, and does what none has begun.
 
-    Results do not depend on their number. Leaving the context ends all threads.
+    One more would wait for the interpreter's lock. Results do not depend on their number. Leaving ends all threads.
     """
 
     def __init__(self, count: int) -> None:
         self.count = count
-        self._pool = ThreadPoolExecutor(count, "wayside-") if count > 1 else None
+        self._pool = ThreadPoolExecutor(count - 1, "wayside-") if count > 1 else None
 
     def __enter__(self) -> "Workers":
         """Return itself."""
@@ -151,7 +154,6 @@ class Workers:
         self,
         chain: Callable[[Iterator[Source]], Iterator[Result]],
         items: Iterator[Source],
-        *,
         queue: int,
         has_room: Callable[[], bool] = lambda: True,
     ) -> Iterator[Result]:
@@ -168,32 +170,31 @@ class Workers:
             return
 
         def work(item: Source) -> Result:
-            for result in chain(iter([item])):
-                return result
+            try:
+                for result in chain(iter([item])):
+                    return result
+            except SystemExit as error:  # raised here, it would end the run as if all were well
+                raise StageError("workers", None, error) from error
             raise StageError("workers", None, RuntimeError("a chain has ended without a result"))
 
-        under_way: deque[Future[Result]] = deque()
+        under_way: deque[tuple[Source, Future[Result]]] = deque()
         while True:
             while len(under_way) < self.count * queue and (not under_way or has_room()):
                 item = next(items, None)
                 if item is None:
                     break
-                under_way.append(self._pool.submit(work, item))
+                under_way.append((item, self._pool.submit(work, item)))
             if not under_way:
                 return
-            done = under_way.popleft()
-            error = done.exception()
-            if error is not None and not isinstance(error, Exception):
-                # SystemExit and its like; raised here they would end the run as if all were well
-                raise StageError("workers", None, error) from error
-            yield done.result()
+            item, done = under_way.popleft()
+            yield work(item) if done.cancel() else done.result()
 
     def ahead(self, items: Iterator[Result], queue: int) -> Iterator[Result]:
         """Make items in a thread of their own, up to `queue` of them before they are asked for.
 
         So two steps that need the items in order work side by side. A fault is raised here, after the items before it.
         """
-        if self._pool is None:
+        if self.count < AHEAD_FROM:
             yield from items
             return
         thread = ThreadPoolExecutor(1, "wayside-ahead-")

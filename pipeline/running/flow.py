@@ -80,9 +80,7 @@ class Flow:
         """Send frames all the way: every frame comes out once, in order, with the landmarks first seen in it."""
         read, memory = self._shown(Stage("read", self.memory.taken), frames), self.memory
         with self.workers as workers:
-            found = workers.ordered(
-                self._find, read, queue=QUEUED, has_room=lambda: memory.has_room
-            )
+            found = workers.ordered(self._find, read, QUEUED, lambda: memory.has_room)
             if self.journal is not None:
                 found = self.clock.timed("journal", self.journal.record(found))
             for settled in self._follow(self._counted(self.clock.timed("queue", found))):

@@ -37,7 +37,7 @@ from wayside.pipeline.running.flow import MOTION_AHEAD, Drive, Flow, FrameCounts
 from wayside.pipeline.running.image_memory import ImageMemory
 from wayside.pipeline.running.journal import Journal, journal_key, remove_journal, result_key
 from wayside.pipeline.running.tuning import trim_heap
-from wayside.pipeline.workers import StageClock
+from wayside.pipeline.workers import AHEAD_FROM, StageClock
 from wayside.schemas.detectors import BoxFile
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import (
@@ -235,7 +235,7 @@ class _Task:
         observer = asked.open_observer(self.run.report, self.part)
         accounting = None if source is None else BoxAccounting(source)
         window = settings.track.longest + WINDOW_STEP + HELD_IMAGES * settings.roadside.on
-        window += (MOTION_AHEAD + 1) * (settings.run.workers > 1)
+        window += (MOTION_AHEAD + 1) * (settings.run.workers >= AHEAD_FROM)
         memory = ImageMemory(settings.run.memory_mb, window)
         try:
             if observer is not None and observer.records:

@@ -29,8 +29,8 @@ def extract_features(
 ) -> Iterator[Detections]:
     """Detect corners for tie points and undistort the candidates' centres: the last stage that uses one image alone.
 
-    The grey image stays for the registration of ties, the colours for the measuring of panels; label images are
-    dropped.
+    The grey image stays for the registration of ties, the colours for the measuring of panels; label images and
+    smaller sizes are dropped.
     """
     for item in images:
         grey, camera, candidates = item.image.grey, item.frame.camera, item.candidates
@@ -40,7 +40,8 @@ def extract_features(
             features = replace(features, corners=corners, descriptors=descriptors)
         if camera is not None:
             candidates = replace(candidates, ideal=ideal_points(camera, candidates.center))
-        segmentation = replace(item.segmentation, labels=None)
+        image = replace(item.image, levels=None)
+        segmentation = replace(item.segmentation, image=image, labels=None)
         yield Detections(segmentation, candidates, features)
 
 

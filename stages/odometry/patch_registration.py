@@ -86,8 +86,7 @@ def register_patches(
         given = corners[rows], starts[rows], warps[rows]
         _register(far, near, *given, search_px, point, scale, zncc, sigma)
 
-    for _ in each(part, range(0, n, PART)):
-        pass
+    list(each(part, range(0, n, PART)))
     return found
 
 

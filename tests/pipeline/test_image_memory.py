@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wayside.pipeline.running.image_memory import ImageMemory
-from wayside.pipeline.workers import Workers
+from wayside.pipeline.workers import AHEAD_FROM, Workers
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import DUPLICATE, USED, Frame
 
@@ -72,7 +72,7 @@ def flow(items, memory, workers, queue, window):
 def test_images_under_way_stay_within_the_limit_and_all_come(
     statuses, workers, queue, window, more
 ):
-    needed = window + (AHEAD + 1) * (workers > 1)
+    needed = window + (AHEAD + 1) * (workers >= AHEAD_FROM)
     limit = TRACKED_MB * needed + ONE_MB * (1 + more) + 1e-6
     memory = ImageMemory(limit, needed)
     order, most = flow(frames(statuses), memory, workers, queue, window)

@@ -68,7 +68,7 @@ def test_what_is_made_ahead_is_made_while_the_item_before_is_used():
             event.set()
             yield n
 
-    with Workers(2) as pool:
+    with Workers(workers.AHEAD_FROM) as pool:
         items = pool.ahead(source(), 2)
         assert next(items) == 0
         assert made[2].wait(10)
