@@ -16,6 +16,8 @@ import numpy as np
 from common import table
 from sign_codes import allowed
 
+from recordings.drives.backdrop.cover import markings
+from recordings.drives.spec import RoadSpec
 from wayside.pipeline.checking.rules import read_rules
 from wayside.pipeline.checking.verdicts import Check, check_drive, check_rows
 from wayside.pipeline.evaluation.compare import evaluate
@@ -27,7 +29,7 @@ from wayside.schemas.tables import CHECK_VERDICTS, SIGNS
 
 Row = Mapping[str, Any]
 SAME = ("color", "shape", "station_m", "lateral_m", "up_m", "bottom_m", "facing_deg")
-EXACT = ("up_m", "along_m", "lateral_m", "width_m", "height_m", "facing_deg", "spacing_m")
+EXACT = ("up_m", "bottom_m", "along_m", "lateral_m", "width_m", "height_m", "facing_deg", "spacing_m")
 
 
 def true_rows(truth: Row) -> list[dict[str, Any]]:
@@ -54,22 +56,28 @@ def true_rows(truth: Row) -> list[dict[str, Any]]:
             | dict(
                 zip(("spacing_m", "next_sign_id"), min(later, default=(None, None)), strict=True)
             )
-            | {"radius_m": true_radius(truth, panel)}
-            | {"sigma_radius_m": 0.0, system: narrow[0] if narrow else None}
+            | true_road(truth, panel)
+            | {system: narrow[0] if narrow else None}
         )
     return rows
 
 
-def true_radius(truth: Row, panel: Row, reach: int = 4) -> float | None:
-    """Radius of the road abreast of a panel by points of its profile 20 m before and behind; None: straight."""
+def true_road(truth: Row, panel: Row, reach: int = 4) -> dict[str, float]:
+    """Radius and edge of the road abreast of a panel, by points of its profile 20 m before and behind, as in rows."""
     places = np.array(truth["road"]["profile"])[:, 1:3]
     at = int(np.argmin(np.linalg.norm(places - panel["centre"][:2], axis=1)))
     if not reach <= at < len(places) - reach:
-        return None
+        return {}
     before, after = places[at] - places[at - reach], places[at + reach] - places[at]
     turn = np.angle(complex(*after) / complex(*before))
     length = np.linalg.norm(before) / 2 + np.linalg.norm(after) / 2
-    return None if abs(turn) < 1e-3 else float(length / -turn)
+    curve = {} if abs(turn) < 1e-3 else {"radius_m": length / -turn, "sigma_radius_m": 0.0}
+    ahead = places[at + 1] - places[at - 1]
+    beside = np.array(panel["centre"][:2]) - places[at]
+    aside = abs(float(ahead[0] * beside[1] - ahead[1] * beside[0])) / np.linalg.norm(ahead)
+    edge = max(line.offset for line in markings(RoadSpec(truth["road"]["kind"])))
+    offset = {"offset_edge_m": aside - panel["width_m"] / 2 - edge, "sigma_offset_edge_m": 0.0}
+    return curve | (offset if edge > 1 else {})  # a street has no lines at its edges
 
 
 def true_verdict(check: Check) -> str:

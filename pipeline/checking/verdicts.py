@@ -27,8 +27,9 @@ SURE = float(ndtr(2.0))
 """From this probability on a rule is broken, and up to one minus it met: two standard deviations from a limit."""
 EXACT = 1e-9
 """Standard deviation of a value that is exact: keeps divisions finite."""
-SECTION_M, EDGE_SIGMA_M = 8.0, 0.1
-"""Distance between cross-sections, and scatter of the edge of the travelled way that they show (rendered drives)."""
+SECTION_M, EDGE_SIGMA = 8.0, 0.02
+"""Distance between cross-sections, and scatter of the edge of the travelled way as part of its distance: its line is
+seen on ground whose height has an error (rendered drives)."""
 SIZE_RANGE = 0.5, 1.3
 """A panel may be of a code if its sides are more than half of the shortest and not much more than the longest of it."""
 
@@ -99,7 +100,7 @@ def from_edge(row: Row, edges: Sequence[Row]) -> dict[str, float]:
     apart, edge = min(gaps, default=(math.inf, 0.0))
     if apart > SECTION_M:
         return {}
-    sigmas = EDGE_SIGMA_M, row["sigma_lateral_m"] or 0.0, (row["sigma_width_m"] or 0.0) / 2
+    sigmas = EDGE_SIGMA * edge, row["sigma_lateral_m"] or 0.0, (row["sigma_width_m"] or 0.0) / 2
     offset = abs(row["lateral_m"]) - (row["panel_width_m"] or 0.0) / 2 - edge
     return {"offset_edge_m": offset, "sigma_offset_edge_m": math.hypot(*sigmas)}
 

@@ -33,6 +33,10 @@ SOLID = 0.5
 """Painted part of the length of a solid line, at least; a usual dash is a quarter of its period."""
 SAME_LINE_M = 0.3
 """A line farther from its place at the stations around is another line."""
+STEEPEST_PAVED = 0.12
+"""Slope of pavement across the road, at most: the greatest superelevation that AASHTO's Green Book allows."""
+EDGE_REACH = 6
+"""Stations before and behind at which a solid line farther out tells that a line is not the edge: traffic hides it."""
 
 
 class _Placed(NamedTuple):
@@ -114,13 +118,18 @@ def _settled(lines: Array, height: Array, turn: Array) -> Array:
     """Offset and painted part (k, 2) of the lines of a sweep, on ground of these heights (offsets,) above the path.
 
     `turn` (3, 3): from the axes of the sweep to those of the final path. A ray meets ground farther down farther off,
-    so lines on ground of unknown height (nan) are left out.
+    so lines on ground of unknown height (nan) are left out. So are those on ground too steep for pavement: rails.
     """
     nearest = np.abs(lines[:, :1] - OFFSETS_M).argmin(axis=1)
     lines, known = lines[np.isfinite(height[nearest])], np.isfinite(height)
     if not len(lines):
         return lines[:, :2]
-    above = np.interp(lines[:, 0], OFFSETS_M[known], height[known])
+    inner, above, outer = (
+        np.interp(lines[:, 0] + beside, OFFSETS_M[known], height[known])
+        for beside in (-0.5, 0.0, 0.5)
+    )
+    paved = np.abs(outer - inner) < STEEPEST_PAVED
+    lines, above = lines[paved], above[paved]
     right = lines[:, 0] * above / lines[:, 2]
     return np.column_stack([turn[1, 1] * right + turn[1, 2] * above, lines[:, 1]])
 
@@ -143,10 +152,15 @@ def _measured(placed: Sequence[_Placed]) -> NDArray[np.bool_]:
 
 def _usual(values: Array, reach: int, least: int) -> Array:
     """Median of values (stations, ...) over so many stations before and behind; nan: fewer than `least` are known."""
-    padded = np.pad(values, [(reach, reach)] + [(0, 0)] * (values.ndim - 1), constant_values=np.nan)
-    near = np.stack([padded[k : k + len(values)] for k in range(2 * reach + 1)])
+    near = _around(values, reach)
     often = np.isfinite(near).sum(axis=0) >= least
     return np.where(often, np.nanmedian(np.where(often, near, 0.0), axis=0), np.nan)
+
+
+def _around(values: Array, reach: int) -> Array:
+    """Values of stations (n, ...) and so many before and behind, nan beyond the ends: (2 reach + 1, n, ...)."""
+    padded = np.pad(values, [(reach, reach)] + [(0, 0)] * (values.ndim - 1), constant_values=np.nan)
+    return np.stack([padded[k : k + len(values)] for k in range(2 * reach + 1)])
 
 
 def _behind(ground: Ground) -> NDArray[np.bool_]:
@@ -177,6 +191,9 @@ def _lines(placed: Sequence[_Placed], sign: int, *, solid: bool) -> Array:
         if len(own):
             found[k] = own.max() if solid else own.min()
     reach = len(NEIGHBOUR_WEIGHTS) - 1
+    if solid:
+        outermost = np.sort(np.nan_to_num(_around(found, EDGE_REACH)), axis=0)[-reach - 1]
+        found[found < outermost - SAME_LINE_M] = np.nan
     usual = _usual(found, reach, reach + 1)
     return np.where(np.abs(found - usual) < SAME_LINE_M, found, usual)
 
