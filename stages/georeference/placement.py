@@ -18,6 +18,10 @@ edges on rendered drives are within two standard deviations, without it 56 %."""
 ROLL_RAD = 0.0175
 """Scatter of the camera's roll against the road, one degree, where the log has no poses that know what is up: with it,
 97 % of 122 lower edges on such drives are within two standard deviations, without it 86 %."""
+BEND_PER_M = 2.5e-4
+"""Scatter of the road's curvature up or down, 1/m: beyond the last image it is not known (a crest for 80 km/h has 4e-4
+by AASHTO). With it, 95 % of 56 lower edges on rendered drives that lie 20 to 80 m beyond are within two standard
+deviations, without it 52 %."""
 ROUGH_HEIGHT = 0.1
 """Relative scatter of the camera's height where fixes alone give the lengths that it is found by (estimate)."""
 SCALE_STEPS = 3
@@ -57,6 +61,7 @@ def _sign(
     width, height = scale.factor * landmark.width_m, scale.factor * landmark.height_m
     sigma_height = math.hypot(scale.factor * landmark.sigma_height_m, scale.sigma * height)
     roll_m = 0.0 if path.world == "log" else ROLL_RAD * float(right)
+    bend_m = BEND_PER_M * max(landmark.station_m - path.given_stations[-1], 0.0) ** 2 / 2
     rough_m = ROUGH_HEIGHT * (path.camera_height_m or 0.0) if path.world == "enu" else 0.0
     own_m = math.sqrt(covariance[1, 1]), sigma_height / 2
     probability = 1 / (1 + math.exp(-min(max(landmark.score, -50.0), 50.0)))
@@ -77,7 +82,7 @@ def _sign(
         bottom_m=up - height / 2,
         sigma_bottom_m=math.nan
         if math.isnan(up)
-        else math.hypot(*own_m, ROAD_SIGMA_M, roll_m, rough_m),
+        else math.hypot(*own_m, ROAD_SIGMA_M, roll_m, rough_m, bend_m),
         width_m=width,
         height_m=height,
         sigma_width_m=math.hypot(scale.factor * landmark.sigma_width_m, scale.sigma * width),
