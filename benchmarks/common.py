@@ -3,7 +3,7 @@
 import resource
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
@@ -61,10 +61,6 @@ def table(names: Sequence[str], rows: Iterable[Iterable[object]], words: int = 1
 
 def print_table(names: Sequence[str], rows: Iterable[Iterable[object]], words: int = 1) -> None:
     """Print a table, each row as soon as it is there."""
-    for line in _as_made(names, rows, words):
-        print(line, flush=True)
-
-
-def _as_made(names: Sequence[str], rows: Iterable[Iterable[object]], words: int) -> Iterator[str]:
-    yield head(names, words)
-    yield from map(row, rows)
+    print(head(names, words), flush=True)
+    for cells in rows:
+        print(row(cells), flush=True)

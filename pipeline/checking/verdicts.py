@@ -28,8 +28,7 @@ SURE = float(ndtr(2.0))
 EXACT = 1e-9
 """Standard deviation of a value that is exact: keeps divisions finite."""
 SECTION_M, EDGE_SIGMA = 8.0, 0.02
-"""Distance between cross-sections, and scatter of the edge of the travelled way as part of its distance: its line is
-seen on ground whose height has an error (rendered drives)."""
+"""Distance of cross-sections, and scatter of the edge in them as part of its distance: that of the ground's height."""
 SIZE_RANGE = 0.5, 1.3
 """A panel may be of a code if its sides are more than half of the shortest and not much more than the longest of it."""
 

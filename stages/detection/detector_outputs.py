@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 Array = NDArray[np.float32]
 
@@ -115,7 +116,7 @@ def read_outputs(outputs: Mapping[str, Array], form: str) -> RawBoxes:
     Raises ValueError for outputs that the format does not have, or scores outside of 0 to 1.
     """
     if form == "detr_logits":
-        scores = _sigmoid(_one(outputs, "logits", 3))
+        scores = expit(_one(outputs, "logits", 3))
         found = _best(_corners(_one(outputs, "pred_boxes", 3)), scores)
     elif form == "detr_pixels":
         numbers = _one(outputs, "labels", 2)
@@ -167,7 +168,3 @@ def _corners(box: Array) -> Array:
     """Boxes (n, 4) of middle and size as x0, y0, x1, y1."""
     half = box[:, 2:] / 2
     return np.concatenate([box[:, :2] - half, box[:, :2] + half], axis=1)
-
-
-def _sigmoid(values: Array) -> Array:
-    return np.asarray(1 / (1 + np.exp(-np.clip(values, -50, 50))), np.float32)

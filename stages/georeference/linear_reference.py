@@ -41,14 +41,10 @@ def measure_along_route(
     near the path; None: by milepost.
     """
     if segments is None:
-        yield from _by_milepost(signs, settings)
+        for sign in signs:
+            yield replace(sign, **settings.measured(sign.station_m))
     else:
         yield from _by_lines(list(signs), path, segments)
-
-
-def _by_milepost(signs: Iterator[Sign], settings: RouteSettings) -> Iterator[Sign]:
-    for sign in signs:
-        yield replace(sign, **settings.measured(sign.station_m))
 
 
 def _by_lines(listed: list[Sign], path: DrivePath, segments: RouteSegments) -> Iterator[Sign]:

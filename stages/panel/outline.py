@@ -191,7 +191,8 @@ def outline_candidates(
         middle = np.median(colors, axis=(0, 1))
         uneven = np.median(np.abs(colors - middle).max(axis=3), axis=(0, 1))
         grow = growth(segments)
-        peaks = _peaks(strength)
+        left, here, right = strength[:-2], strength[1:-1], strength[2:]
+        peaks = (np.flatnonzero((here >= left) & (here > right)) + 1).tolist()
         top = float(max((strength[i] for i in peaks), default=0.0))
         for i in peaks:
             offset = i * step + low
@@ -213,11 +214,6 @@ def _features(inner: "Outline", outer: Array, detected: Array, edge: float, stri
     of_edge = [edge, np.log(edge), inner.strength, uneven, edge * uneven]
     of_size = [wide, tall, wide**2, tall**2, abs(wide - tall)]
     return np.array([*of_edge, *of_size, float(inner.shape == "rectangle")])
-
-
-def _peaks(values: Array) -> list[int]:
-    inner = values[1:-1]
-    return (np.flatnonzero((inner >= values[:-2]) & (inner > values[2:])) + 1).tolist()
 
 
 class Outline(NamedTuple):

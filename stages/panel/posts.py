@@ -51,8 +51,7 @@ ALIKE, SINGLE, DOUBLE = 0.2, 6, 8
 OVERHEAD_M = 4.2
 """A panel whose lower edge is higher hangs from a gantry: no vehicle passes below another."""
 EDGE_SIGMA_PX, WIDTH_SIGMA = 0.3, 0.05
-"""Scatter of the width of a post: by the pixels of an image, and as part of it (measured on rendered drives). Other
-edges widen it only as far as 68 % of all likely ones need one, or 95 % two: their square sum counts the rare ones most."""
+"""Scatter of the width of a post: by the pixels of an image, and as part of it (measured on rendered drives)."""
 BAND_PX, RESOLVED_PX, USUAL_M = (0.5, 3.0), 8.0, (0.12, 1.3)
 """A band so far beside a post is compared with it; width that shows a profile; of a usual post, and panel."""
 HALF, LEAST_PROBABILITY = 0.5, 0.6
@@ -60,8 +59,9 @@ HALF, LEAST_PROBABILITY = 0.5, 0.6
 KINDS = ("pole", "round_metal", "steel_beam", "u_channel", "wood")
 """What posts can be by their look, as in `POST_KINDS`."""
 _SHARED = ("strength", "strength among others", "evenness", "several by width", "three")
-_OWN = ("constant", "width", "width squared", "several", "1st", "2nd", "4th", "red", "red squared", "light")
-POST_FEATURES = (*_SHARED, *(f"{kind}: {name}" for kind in KINDS for name in _OWN))
+_FORM = ("constant", "width", "width squared", "several")
+_LOOK = ("1st", "2nd", "4th", "red", "red squared", "light")
+POST_FEATURES = (*_SHARED, *(f"{kind}: {name}" for kind in KINDS for name in _FORM + _LOOK))
 """Names of the numbers of `post_features`."""
 
 
@@ -115,6 +115,7 @@ def measure_posts(
     scatter = np.hypot(EDGE_SIGMA_PX * strips[0].pixel_m / np.sqrt(number), WIDTH_SIGMA * width)
     gaps = np.abs(widths - width)
     held = of_post[gaps.argsort()].cumsum() / of_post.sum()
+    # the square sum of the gaps would count rare edges most
     most, nearly_all = np.sort(gaps)[held.searchsorted((0.683, 0.954))]
     sigma = np.hypot(scatter, max(most, nearly_all / 2))
     kind, probability = KINDS[of_kind.argmax()], float(of_kind.max())
@@ -248,7 +249,8 @@ def post_features(strip: Strip, likely: Sequence[PostEdges]) -> Array:
         series = min(edges.width_m / strip.pixel_m / RESOLVED_PX, 1.0) * dct(light, norm="ortho")
         color = np.median(rgb[:, 3:-3].reshape(-1, 3), axis=0) / 100
         wide, red, mean = np.log([edges.width_m / USUAL_M[0], color[0] / color[2], color.mean()])
-        kind = [1.0, wide, wide**2, several, abs(series[1]), series[2], series[4], red, red**2, mean]
+        look = [abs(series[1]), series[2], series[4], red, red**2, mean]
+        kind = [1.0, wide, wide**2, several, *look]
         found.append([[*shared, *row] for row in np.kron(np.eye(len(KINDS)), kind)])
     return np.array(found, np.float64)
 

@@ -43,10 +43,6 @@ def color_features(rgb: NDArray[np.floating[Any]], space: str) -> NDArray[np.flo
     return _FEATURES[space](np.asarray(rgb, np.float64))
 
 
-def _chromaticity(rgb: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray((rgb[:, :2] + 1.0) / (rgb.sum(axis=1, keepdims=True) + 3.0))
-
-
 def _lab(rgb: NDArray[np.float64]) -> NDArray[np.float64]:
     if not len(rgb):
         return np.zeros((0, 3))
@@ -56,7 +52,7 @@ def _lab(rgb: NDArray[np.float64]) -> NDArray[np.float64]:
 
 _FEATURES: dict[str, Callable[[NDArray[np.float64]], NDArray[np.float64]]] = {
     "rgb": lambda rgb: rgb,
-    "chromaticity": _chromaticity,
+    "chromaticity": lambda rgb: (rgb[:, :2] + 1.0) / (rgb.sum(axis=1, keepdims=True) + 3.0),
     "log_chromaticity": lambda rgb: log_chromaticity(rgb)[:, 1:],
     "log_rgb": log_chromaticity,
     "lab": _lab,

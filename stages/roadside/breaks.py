@@ -40,8 +40,7 @@ def breaks_of(distance: Array, height: Array, sigma: Array) -> Roadside:
         least, found, fit = squares[best], breaks[best], fits[best]
     slope = np.cumsum(fit[1:])
     if len(found) < 2:
-        sharp = len(found) == 1 and abs(fit[2]) >= _LEAST_CHANGE
-        if not sharp:
+        if not len(found) or abs(fit[2]) < _LEAST_CHANGE:
             return Roadside()
         return Roadside(shoulder_m=float(found[0]), fore_slope=float(slope[1]))
     shoulder, ditch = found.tolist()

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import rank_filter
 
 from wayside.schemas.frame import Pose
 from wayside.schemas.roadside import CrossSection, Roadside
@@ -35,8 +36,8 @@ SAME_LINE_M = 0.3
 """A line farther from its place at the stations around is another line."""
 STEEPEST_PAVED = 0.12
 """Slope of pavement across the road, at most: the greatest superelevation that AASHTO's Green Book allows."""
-EDGE_REACH = 6
-"""Stations before and behind at which a solid line farther out tells that a line is not the edge: traffic hides it."""
+EDGE_SPAN = 13
+"""Stations around, of which three show a solid line farther out: no line is the edge then, as traffic hides it."""
 
 
 class _Placed(NamedTuple):
@@ -59,9 +60,8 @@ def place_sections(sweeps: Iterator[Sweep], path: DrivePath) -> Iterator[CrossSe
     """The cross-sections of a drive in the order of the route."""
     every = list(sweeps)
     scores, pairs = [one.score for one in every], [one.pairs for one in every]
-    placed = [
-        _placed(one, pooled(scores, k), pooled(pairs, k), path) for k, one in enumerate(every)
-    ]
+    sums = ((pooled(scores, k), pooled(pairs, k)) for k in range(len(every)))
+    placed = [_placed(one, *own, path) for one, own in zip(every, sums, strict=True)]
     camera_m = _camera_height(placed)
     sides = [[_lines(placed, sign, solid=solid) for solid in (False, True)] for sign in (-1, 1)]
     for k, (one, measured) in enumerate(zip(placed, _measured(placed), strict=True)):
@@ -124,21 +124,17 @@ def _settled(lines: Array, height: Array, turn: Array) -> Array:
     lines, known = lines[np.isfinite(height[nearest])], np.isfinite(height)
     if not len(lines):
         return lines[:, :2]
-    inner, above, outer = (
-        np.interp(lines[:, 0] + beside, OFFSETS_M[known], height[known])
-        for beside in (-0.5, 0.0, 0.5)
-    )
-    paved = np.abs(outer - inner) < STEEPEST_PAVED
-    lines, above = lines[paved], above[paved]
+    aside = lines[:, 0] + np.array([[-0.5], [0.0], [0.5]])
+    inner, above, outer = np.interp(aside, OFFSETS_M[known], height[known])
     right = lines[:, 0] * above / lines[:, 2]
-    return np.column_stack([turn[1, 1] * right + turn[1, 2] * above, lines[:, 1]])
+    settled = np.column_stack([turn[1, 1] * right + turn[1, 2] * above, lines[:, 1]])
+    return np.asarray(settled[np.abs(outer - inner) < STEEPEST_PAVED])
 
 
 def _camera_height(placed: Sequence[_Placed]) -> float:
     """Height of the camera above the road, the same all the drive; nan where the road is nowhere measured."""
     known = [(abs(p.offset) <= ROAD_M) & (p.ground.margin >= LEAST_MARGIN) for p in placed]
-    road = [-one.above[rows] for one, rows in zip(placed, known, strict=True)]
-    heights = np.concatenate([*road, np.zeros(0)])
+    heights = np.concatenate([*(-p.above[k] for p, k in zip(placed, known, strict=True)), []])
     return float(np.median(heights)) if len(heights) else np.nan
 
 
@@ -152,15 +148,10 @@ def _measured(placed: Sequence[_Placed]) -> NDArray[np.bool_]:
 
 def _usual(values: Array, reach: int, least: int) -> Array:
     """Median of values (stations, ...) over so many stations before and behind; nan: fewer than `least` are known."""
-    near = _around(values, reach)
+    padded = np.pad(values, [(reach, reach)] + [(0, 0)] * (values.ndim - 1), constant_values=np.nan)
+    near = np.stack([padded[k : k + len(values)] for k in range(2 * reach + 1)])
     often = np.isfinite(near).sum(axis=0) >= least
     return np.where(often, np.nanmedian(np.where(often, near, 0.0), axis=0), np.nan)
-
-
-def _around(values: Array, reach: int) -> Array:
-    """Values of stations (n, ...) and so many before and behind, nan beyond the ends: (2 reach + 1, n, ...)."""
-    padded = np.pad(values, [(reach, reach)] + [(0, 0)] * (values.ndim - 1), constant_values=np.nan)
-    return np.stack([padded[k : k + len(values)] for k in range(2 * reach + 1)])
 
 
 def _behind(ground: Ground) -> NDArray[np.bool_]:
@@ -192,7 +183,7 @@ def _lines(placed: Sequence[_Placed], sign: int, *, solid: bool) -> Array:
             found[k] = own.max() if solid else own.min()
     reach = len(NEIGHBOUR_WEIGHTS) - 1
     if solid:
-        outermost = np.sort(np.nan_to_num(_around(found, EDGE_REACH)), axis=0)[-reach - 1]
+        outermost = rank_filter(np.nan_to_num(found), -reach - 1, EDGE_SPAN, mode="constant")
         found[found < outermost - SAME_LINE_M] = np.nan
     usual = _usual(found, reach, reach + 1)
     return np.where(np.abs(found - usual) < SAME_LINE_M, found, usual)
@@ -200,7 +191,6 @@ def _lines(placed: Sequence[_Placed], sign: int, *, solid: bool) -> Array:
 
 def _side(distance: Array, height: Array, sigma: Array, line: float, edge: float) -> Roadside:
     """One side of the road; distance (n,): from the path outwards, negative on the other side."""
-    own = np.flatnonzero(distance > -ROAD_M)
-    own = own[np.argsort(distance[own])]
+    own = distance > -ROAD_M
     breaks = breaks_of(distance[own], height[own], sigma[own])
     return replace(breaks, line_m=line, edge_m=edge)

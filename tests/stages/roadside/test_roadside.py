@@ -25,6 +25,8 @@ CAMERA = Camera(800, 600, 700.0, 700.0, 399.5, 279.5, (-0.1, 0.02, 0.0, 0.0, 0.0
 CAMERA_M, STEP_M = 2.0, 6.0
 SECTION = np.array([[-20, 0.4], [-8, -1.0], [-4, 0.0], [4, 0.0], [8, -1.0], [20, 0.4]])
 """Offset and height of the breaks of the ground: shoulders at 4 m, ditches at 8 m."""
+PLACE = Pose(np.array([[0.0, 1, 0], [0, 0, -1], [1, 0, 0]]), np.zeros(3))
+"""At the camera: along, right and up."""
 LINES_M = (-1.8, 1.7)
 HIDDEN_M = (-12.5, -9.5)
 """Here every image shows something else, as behind a bush."""
@@ -173,20 +175,40 @@ def test_a_strip_that_shows_nothing_follows_its_neighbours():
     assert np.isnan(found.height[3])
 
 
-def test_what_stands_upright_is_hidden_and_hides_what_lies_beyond():
-    peak = np.exp(-(((HEIGHTS_M + 0.2) / 0.2) ** 2))
-    score = np.tile(peak, (len(OFFSETS_M), 1)).astype(np.float32)
-    score[OFFSETS_M == 6] = np.where((HEIGHTS_M > -0.3) & (HEIGHTS_M < 0.8), 0.9, 0.2)
-    place = Pose(np.array([[0.0, 1, 0], [0, 0, -1], [1, 0, 0]]), np.zeros(3))
+def flat(fall=0.0):
+    """Scores of ground 0.2 m down that falls by so much a metre from 4 m to the right on."""
+    height = -0.2 - fall * np.maximum(OFFSETS_M - 4, 0)
+    return np.exp(-(((HEIGHTS_M - height[:, None]) / 0.2) ** 2)).astype(np.float32)
+
+
+def seen(score, *lines):
+    """The cross-sections where one score and these lines are seen every eight metres."""
     pairs = np.ones(len(OFFSETS_M), np.int64)
-    none = np.zeros((0, 3))
-    sweeps = [Sweep(0, 8.0 * k, place, 1.5, score, pairs, none) for k in range(5)]
+    own = [np.array(found).reshape(-1, 3) for found in lines]
+    sweeps = [Sweep(0, 8.0 * k, PLACE, 1.5, score, pairs, one) for k, one in enumerate(own)]
     point = PathPoint(0, Pose(np.eye(3), np.zeros(3)), None, None)
-    path = drive_path([point], "drive_start", {0: point.chained})
-    for one in place_sections(iter(sweeps), path):
+    return list(
+        place_sections(iter(sweeps), drive_path([point], "drive_start", {0: point.chained}))
+    )
+
+
+def test_what_stands_upright_is_hidden_and_hides_what_lies_beyond():
+    score = flat()
+    score[OFFSETS_M == 6] = np.where((HEIGHTS_M > -0.3) & (HEIGHTS_M < 0.8), 0.9, 0.2)
+    for one in seen(score, *[[]] * 5):
         hidden = np.array(one.status) == "hidden"
         assert one.offset_m[hidden] == pytest.approx(np.arange(6.0, 13.0))
         assert one.camera_m == pytest.approx(1.7, abs=0.02)
+
+
+def test_the_edge_is_the_outermost_solid_line_on_pavement_and_no_other_where_that_is_hidden():
+    outer, inner, right, rail = ((x, 1.0, -1.7) for x in (-5.3, -1.8, 1.7, 5.5))
+    free, traffic = [outer, inner, right, rail], [inner, right, rail]
+    sections = seen(flat(0.2), *[free] * 4, *[traffic] * 5, *[free] * 4)
+    left = [one.sides[0].edge_m for one in sections]
+    assert left[:4] + left[-4:] == pytest.approx([5.3] * 8, abs=0.05)
+    assert np.isnan(left[6])
+    assert [one.sides[1].edge_m for one in sections] == pytest.approx([1.7] * 13, abs=0.05)
 
 
 def test_samples_agree_by_what_changes_along_the_road():
@@ -206,7 +228,7 @@ def test_a_lens_is_undone_and_what_lies_outside_is_not_sampled():
     one, other = (texture(np.random.default_rng(seed)) for seed in (3, 4))
     grey = rendered(one, other, Pose(np.eye(3), np.zeros(3)))
     image = ground_image(grey, CAMERA, 0, made_motion(0, camera_height_m=CAMERA_M))
-    place = Pose(np.array([[0.0, 1, 0], [0, 0, -1], [1, 0, 0]]), np.array([0.0, 0.0, 10.0]))
+    place = Pose(PLACE.rotation, np.array([0.0, 0.0, 10.0]))
     right, along = np.array([-1.8, 30.0]), np.linspace(-2, 2, 9)
     seen = image.samples(place, along, right, np.array([-CAMERA_M, -CAMERA_M]), 0)
     assert (seen[0] > 200).all()  # the painted line
