@@ -161,10 +161,6 @@ def _with_numbers(content: bytes, name: str, numbers: NDArray[np.float32] | None
     return content[:at] + new + content[at + count :]
 
 
-def _is_model(value: object) -> bool:
-    return is_dataclass(value) and (hasattr(value, "kind") or isinstance(value, OnnxFile))
-
-
 @dataclass(frozen=True, slots=True)
 class Cut:
     """One thing to leave out: `stage <function>` or `model <field>[.<part>...]`; nothing: the flow as it is."""
@@ -198,7 +194,7 @@ def model_paths(models: object) -> list[str]:
     paths = []
     for field in fields(models):  # type: ignore[arg-type]
         value = getattr(models, field.name)
-        if _is_model(value):
+        if is_dataclass(value) and (hasattr(value, "kind") or isinstance(value, OnnxFile)):
             paths.append(field.name)
             paths += [f"{field.name}.{rest}" for rest in model_paths(value)]
     return paths

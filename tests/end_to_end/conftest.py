@@ -37,13 +37,8 @@ class Result:
         return dict(self.about["accounting"]["regions"])
 
 
-def run_demo_log(folder, *options):
-    """Run the demo log with those options into the folder, in this process, and read the result."""
-    return run_log_file(RECORDINGS / "demo.mcap", folder, *options)
-
-
 def run_log_file(log, folder, *options):
-    """Run a log likewise."""
+    """Run a log with those options into the folder, in this process, and read the result."""
     status = app(["run", str(log), "-o", str(folder), *options], standalone_mode=False)
     assert not status
     signs, observations, frames = (
@@ -94,7 +89,8 @@ def heeded_signals():
 @pytest.fixture(scope="session")
 def run_demo(tmp_path_factory):
     """A function that runs the demo log with given options and reads the result."""
-    return lambda *options: run_demo_log(tmp_path_factory.mktemp("demo"), *options)
+    log, made = RECORDINGS / "demo.mcap", tmp_path_factory.mktemp
+    return lambda *options: run_log_file(log, made("demo"), *options)
 
 
 @pytest.fixture(scope="session")

@@ -75,17 +75,14 @@ def make_log(log, images):
     source = log.parent / f"images of {log.name}"
     source.mkdir(parents=True)
     for number, image in enumerate(images):
-        content = image if isinstance(image, bytes) else png_of(image)
-        (source / f"{number:03d}.png").write_bytes(content)
+        if not isinstance(image, bytes):
+            image = cv2.imencode(".png", image[..., ::-1])[1].tobytes()
+        (source / f"{number:03d}.png").write_bytes(image)
     calibration = log.with_suffix(".yaml")
     camera = Camera(160, 120, 150.0, 150.0, 80.0, 60.0)
     calibration.write_text(format_camera(camera, "camera"))
     import_images([source], calibration, log, ImportOptions(8.0))
     return log
-
-
-def png_of(rgb):
-    return cv2.imencode(".png", rgb[..., ::-1])[1].tobytes()
 
 
 def read_by_gdal(file):

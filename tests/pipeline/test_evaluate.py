@@ -404,11 +404,6 @@ def test_figures_are_those_of_the_reference(tmp_path, seed, option, least, more)
             assert list(figures[key]) == list(theirs[key])
 
 
-def seen_from(pose, place):
-    turn = Rotation.from_quat(pose["quaternion"]).inv()
-    return turn.apply(np.subtract(place, pose["position"])).tolist()
-
-
 def random_box(rng, reach=1000, most=60):
     x, y, w, h = (*rng.uniform(0, reach, 2), *rng.uniform(6, most, 2))
     return np.round([x, y, x + w, y + h], 1).tolist()
@@ -430,7 +425,11 @@ def random_sign(rng, number, truth):
     figures |= {"panel_width_m": float(rng.uniform(0.3, 2)), "bottom_m": float(rng.uniform(0, 3))}
     figures |= {"sigma_up_m": float(rng.choice([0.0, 0.1, 1.0]))}
     given = {name: value if rng.random() < 0.8 else None for name, value in figures.items()}
-    near = np.array(seen_from(pose, target["centre"])) + rng.normal(0, rng.choice([0.1, 1.0]), 3)
+    turn, off = (
+        Rotation.from_quat(pose["quaternion"]).inv(),
+        rng.normal(0, rng.choice([0.1, 1.0]), 3),
+    )
+    near = turn.apply(np.subtract(target["centre"], pose["position"])) + off
     given |= {"status": str(rng.choice(["sign", "sign", "sign", "back", "uncertain"]))}
     given |= {"best_frame": 77 if rng.random() < 0.1 else pose["index"]}
     given |= {"best_box": random_box(rng), "sigma_along_m": float(rng.uniform(0.05, 2))}

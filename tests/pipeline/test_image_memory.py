@@ -49,12 +49,10 @@ def flow(items, memory, workers, queue, window):
                     yield held.popleft()
         yield from held
 
-    def copied(source):
-        return (replace(one) for one in source)
-
     with Workers(workers) as pool:
         frames = counted(memory.taken(iter(items)), ONE_MB)
-        found = pool.ordered(copied, frames, queue=queue, has_room=lambda: memory.has_room)
+        has_room = {"has_room": lambda: memory.has_room}
+        found = pool.ordered(lambda source: map(replace, source), frames, queue=queue, **has_room)
         used = memory.released(counted(found, TRACKED_MB - ONE_MB), lambda one: not one.used)
         gone = counted(tracked(pool.ahead(used, AHEAD)), -TRACKED_MB)
         order = [one.index for one in memory.released(gone, lambda one: True)]

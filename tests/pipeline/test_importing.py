@@ -212,10 +212,6 @@ def test_files_and_folders_that_may_not_be_read_are_named(tmp_path, calibration)
         import_images([folder], calibration, tmp_path / "other.mcap", ImportOptions(8.0))
 
 
-def places_of(frame):
-    return frame.fix.latitude_deg, frame.fix.longitude_deg, frame.fix.altitude_m
-
-
 def exif_of(second, place=None):
     """Exif data with the local time of capture, and latitude and longitude in degrees, minutes, seconds."""
     exif = Image.Exif()
@@ -257,9 +253,8 @@ def test_images_with_positions_need_no_spacing_and_have_a_date(tmp_path, calibra
     done = import_images(files, calibration, out, ImportOptions(positions=positions))
     assert done[2:] == (4, datetime(2024, 5, 17, 10, 31))
     frames, _ = read(out, thin_m=0.0)
-    np.testing.assert_allclose(
-        [places_of(f) for f in frames], [(*p, -12.5) for p in PLACES], atol=1e-6
-    )
+    places = [(f.fix.latitude_deg, f.fix.longitude_deg, f.fix.altitude_m) for f in frames]
+    np.testing.assert_allclose(places, [(*p, -12.5) for p in PLACES], atol=1e-6)
     assert frames[0].time_ns == 1715941860 * 10**9
     assert [f.spacing_m for f in frames] == [None] * 4
 

@@ -47,16 +47,12 @@ def result(folder, **columns):
     return folder
 
 
-def read_camera(folder):
-    return parse_camera((folder / "camera.yaml").read_text(), "camera.yaml")
-
-
 BAG = "rosbag2_bagfile_information: {relative_file_paths: [*a11]}"
 READERS = {
     "not a camera calibration": (
         "camera.yaml",
         CAMERA + "distortion_model: *a11",
-        read_camera,
+        lambda folder: parse_camera((folder / "camera.yaml").read_text(), "camera.yaml"),
     ),
     "not labels": ("data.yaml", "names: [*a11]", read_labels),
     "of the ROS 2 bag directory cannot be read": ("metadata.yaml", BAG, bag_parts),

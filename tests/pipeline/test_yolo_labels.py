@@ -24,11 +24,6 @@ def data_set(folder, lines, name="a", points=None):
         (folder / "data.yaml").write_text(f"names: [stop]\nkpt_shape: {points}\n")
 
 
-def pixels(boxes):
-    sides = np.array([WIDTH, HEIGHT] * 2)
-    return np.array([np.array(corners(*box))[[0, 1, 4, 5]] * sides for box in boxes])
-
-
 ON_IT = [0.6, 0.5, 2, 0, 0, 0]
 """Two key points, the second not seen."""
 BEHIND = {
@@ -50,7 +45,9 @@ def test_boxes_are_the_same_whatever_stands_behind_them(tmp_path, what):
     points, line = BEHIND[what]
     data_set(tmp_path, [[0, *line(n, box)] for n, box in enumerate(BOXES)], points=points)
     read = read_labels(tmp_path)
-    np.testing.assert_allclose([one.box for one in read.labels], pixels(BOXES), atol=1e-6)
+    sides = np.array([WIDTH, HEIGHT] * 2)
+    pixels = np.array([np.array(corners(*box))[[0, 1, 4, 5]] * sides for box in BOXES])
+    np.testing.assert_allclose([one.box for one in read.labels], pixels, atol=1e-6)
     outlined = what.startswith(("polygon", "triangle"))
     assert [bool(one.polygon) for one in read.labels] == [outlined] * len(BOXES)
     assert not read.left_out

@@ -44,12 +44,6 @@ def sound():
     return read(DEMO)[0]
 
 
-def assert_as(frames, sound):
-    for frame, other in zip(frames, sound, strict=True):
-        assert frame.pose.pose.centre == pytest.approx(other.pose.pose.centre, abs=1e-6)
-        assert frame.pose.pose.rotation == pytest.approx(other.pose.pose.rotation, abs=1e-6)
-
-
 CONVENTIONS = {
     **{
         axes: (lambda r, c, m=mount: (r @ m.T, c), f"of a vehicle ({axes})")
@@ -68,7 +62,9 @@ CONVENTIONS = {
 def test_poses_of_one_known_convention_are_used_so_and_it_is_noted(tmp_path, sound, convention):
     change, words = CONVENTIONS[convention]
     frames, report = read(write(tmp_path / "drive.mcap", change))
-    assert_as(frames, sound)
+    for frame, other in zip(frames, sound, strict=True):
+        assert frame.pose.pose.centre == pytest.approx(other.pose.pose.centre, abs=1e-6)
+        assert frame.pose.pose.rotation == pytest.approx(other.pose.pose.rotation, abs=1e-6)
     assert len(report.notes) == 1
     assert words in report.notes[0]
 

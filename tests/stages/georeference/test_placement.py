@@ -94,6 +94,12 @@ def test_the_error_of_the_lower_edge_holds_the_road_and_what_the_log_does_not_kn
     assert sign.sigma_bottom_m == pytest.approx(np.linalg.norm([*own_m, ROAD_SIGMA_M, *more_m]))
 
 
+def test_the_lower_edge_is_less_sure_beyond_the_last_image_where_the_road_may_bend():
+    path = path_of()
+    near, far = signs(*(landmark(station=path.given_stations[-1] + m) for m in (0, 40)), path=path)
+    assert far.sigma_bottom_m == pytest.approx(np.hypot(near.sigma_bottom_m, 2.5e-4 * 40**2 / 2))
+
+
 def test_without_a_camera_height_nothing_is_known_of_heights_above_the_road():
     (sign,) = signs(landmark(), path=replace(path_of(), camera_height_m=None))
     assert np.isnan([sign.up_m, sign.bottom_m, sign.sigma_bottom_m]).all()
