@@ -52,7 +52,7 @@ def make_log(folder, name=f"{STEM}.mcap", images=IMAGES, broken=()):
         pixels = np.full((120, 160, 3), (90, 120 + frame, 90), np.uint8)
         x0, y0, x1, y1 = (int(edge) for edge in face_box(frame))
         pixels[y0:y1, x0:x1] = FACE
-        shown.append(results.png_of(pixels)[:60] if frame in broken else pixels)
+        shown.append(cv2.imencode(".png", pixels)[1].tobytes()[:60] if frame in broken else pixels)
     return results.make_log(folder / name, shown)
 
 
