@@ -110,12 +110,12 @@ def _landmarks(
 
 def _report_landmarks(s: Settings, m: Models) -> Stages:
     """Presets `report`, `report-2d` and `report-shape`: one of the gates shape, trajectory and location each."""
-    moves, places = m.trajectory_density, m.location_classes
+    moves, places, sizes = m.trajectory_density, m.location_classes, m.panel_sizes
     return _those(
         stage("track", match_segments, s.track),
         stage("trajectory", classify_trajectory, moves) if moves else None,
         stage("location", classify_location, places, s.locate) if s.locate.gate else None,
-        stage("points", triangulate_points),
+        stage("points", triangulate_points, sizes) if sizes else None,
         stage("panels", merge_segments),
     )
 

@@ -183,7 +183,7 @@ class _Collector:
 
     def samples(self) -> dict[str, ClassifierSamples]:
         """All inputs, by classifier, in the order of the chain and of the frames."""
-        names = (one for one in CLASSIFIERS if one in self.only and one in self._asked)
+        names = (one for one in self.only if one in self._asked)
         joined = {name: ClassifierSamples.joined(self._asked[name]) for name in names}
         return {k: own.select(np.argsort(own.frame, kind="stable")) for k, own in joined.items()}
 
@@ -285,15 +285,17 @@ class _Collector:
         asked = [one for one in frame.landmarks if one.verdict in ("sign", "location")]
         if asked and self.models.color_classes is not None:
             places = [(one.right_m, one.above_m) for one in asked]
+            sizes = np.log([(one.width_m, one.height_m) for one in asked])
             accepted = [one.verdict != "location" for one in asked]
             yield self._landmarks("location", asked, "right_up_m", places, accepted)
+            yield self._landmarks("panel_size", asked, "log_m", sizes, accepted)
 
     def _landmarks(
         self,
         classifier: str,
         landmarks: Sequence[Landmark],
         space: str,
-        values: Sequence[tuple[float, ...]],
+        values: Any,
         accepted: Sequence[bool],
     ) -> ClassifierSamples:
         views = [[(view.frame, view.box) for view in one.views] for one in landmarks]

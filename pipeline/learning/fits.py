@@ -140,14 +140,15 @@ def sides(places: Values, overhead_m: float) -> NDArray[np.str_]:
 
 def side_classes(places: Values, overhead_m: float, fewest: int) -> list[GaussianClass]:
     """Where signs stand, places (n, 2) right and up in metres, on those of `SIDES` that have so many signs or more."""
-    side, classes = sides(places, overhead_m), []
-    for name in SIDES:
-        own = places[side == name]
-        if len(own) >= fewest:
-            mean, covariance = _moments(own, np.full(len(own), 1 / len(own)))
-            wide = _widened(covariance, np.array(PLACE_FLOOR))
-            classes.append(GaussianClass(name, mean, wide, len(own)))
-    return classes
+    side = sides(places, overhead_m)
+    parts = ((name, places[side == name]) for name in SIDES)
+    return [class_of(name, own, PLACE_FLOOR) for name, own in parts if len(own) >= fewest]
+
+
+def class_of(name: str, values: Values, floor: Sequence[float]) -> GaussianClass:
+    """The class of values (n, d), no narrower than the floor (d,)."""
+    mean, covariance = _moments(values, np.full(len(values), 1 / len(values)))
+    return GaussianClass(name, mean, _widened(covariance, np.array(floor)), len(values))
 
 
 def _moments(values: Values, weight: Values) -> tuple[Values, Values]:

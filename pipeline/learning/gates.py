@@ -15,7 +15,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.files.writing import write_file
@@ -25,11 +24,13 @@ from wayside.pipeline.learning.curves import resampled_groups
 from wayside.pipeline.learning.labelled import ANY_SPACING_M, ON
 from wayside.pipeline.learning.thresholds import GATE_RATES, Gate, with_threshold
 from wayside.pipeline.models.model_files import (
+    PANEL_SIZE,
     REPORT_LOCATION,
     TRAJECTORY_FILES,
     Models,
     load_models,
 )
+from wayside.pipeline.models.model_folder import ModelFolder
 from wayside.pipeline.models.model_json import model_to_json
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import GaussianClass, GaussianModel, MixtureModel
@@ -47,15 +48,12 @@ OVERHEAD_M = 3.0
 PASSES = (
     ("report-shape", ("color",)),
     ("report-shape", ("shape",)),
-    ("report", (*asked.TRAJECTORIES.values(), "location")),
+    ("report", (*asked.TRAJECTORIES.values(), "location", "panel_size")),
 )
 """Preset of each pass over the drives, and the gates learned there; the trajectories decide nothing in theirs."""
 
 FEWEST = 20
 """A component with fewer signs is not learned: its scatter would be known to a sixth at best."""
-
-Fit = Callable[[asked.ClassifierSamples], GaussianModel]
-"""A gate by what it was asked about."""
 
 
 def learn_gates(
@@ -89,11 +87,22 @@ def learn_gates(
     one = GaussianModel("right_up_m", (single,), kansas + origin)
 
     def stand(known: asked.ClassifierSamples) -> GaussianModel:
-        signs = location_components(known.values[known.label == ON], origin)
-        return _against(signs, fits.PLACE_FLOOR, known)
+        signs = known.values[known.label == ON]
+        # one mean cannot hold the signs on both sides (chapter 8 has it at +10 ft)
+        sides = fits.side_classes(signs, OVERHEAD_M, FEWEST)
+        if not sides:
+            raise InputError(
+                f"location: {FEWEST} landmarks of signs on a side of the road are needed, and there are {len(signs)} "
+                "in all. Label more images."
+            )
+        return _against(GaussianModel("right_up_m", tuple(sides), origin), fits.PLACE_FLOOR, known)
 
     learned[REPORT_LOCATION] = _gate(places, stand, "location")
     learned[KANSAS] = _gate(places, lambda known: one, "location")
+    own, floor = samples["panel_size"].known(), (0.0, 0.0)
+    sign = fits.class_of("sign", own.values[own.label == ON], floor)
+    other = fits.class_of("other", own.values[own.label != ON], floor)
+    learned[PANEL_SIZE] = GaussianModel("log_m", (sign,), origin, (other,))
     return learned
 
 
@@ -101,12 +110,15 @@ def _against(
     model: GaussianModel, floor: Sequence[float], known: asked.ClassifierSamples
 ) -> GaussianModel:
     """The model with the background of what is no sign."""
-    least = np.array(floor)
     others = known.values[known.label != ON]
-    return replace(model, background=fits.fit_background(others, lambda mean: least))
+    return replace(model, background=fits.fit_background(others, lambda mean: np.array(floor)))
 
 
-def _gate(samples: asked.ClassifierSamples, fit: Fit, name: str) -> GaussianModel:
+def _gate(
+    samples: asked.ClassifierSamples,
+    fit: Callable[[asked.ClassifierSamples], GaussianModel],
+    name: str,
+) -> GaussianModel:
     """The model fitted to all samples, with a threshold by the scores of drives that were held out in turn."""
     known = samples.known()
     group, _ = resampled_groups(known.drive, known.frame)
@@ -117,28 +129,9 @@ def _gate(samples: asked.ClassifierSamples, fit: Fit, name: str) -> GaussianMode
     return with_threshold(fit(known), score, known.label == ON, group, GATE_RATES[name])
 
 
-def trajectory_densities(options: Mapping[str, object]) -> tuple[MixtureModel, ...]:
-    """The density of each form; options: settings by name, as `models.folder`."""
-    every = (
-        load_models(load_settings("report-2d", None, [f"report.trajectory={form}"], options)[0])
-        for form in TRAJECTORY_FILES
-    )
-    return tuple(one.trajectory_density for one in every if one.trajectory_density is not None)
-
-
-def location_components(places: NDArray[np.float64], provenance: str) -> GaussianModel:
-    """Where signs stand, places (n, 2) right and up in metres: a component each right, left of and above the road.
-
-    One mean cannot hold the signs on both sides (chapter 8 has it at +10 ft). Background and threshold are still to be
-    learned. Raises InputError where no component has `FEWEST` signs.
-    """
-    classes = fits.side_classes(places, OVERHEAD_M, FEWEST)
-    if not classes:
-        raise InputError(
-            f"location: {FEWEST} landmarks of signs on a side of the road are needed, and there are {len(places)} in "
-            "all. Label more images."
-        )
-    return GaussianModel("right_up_m", tuple(classes), provenance)
+def trajectory_densities(folder: ModelFolder) -> tuple[MixtureModel, ...]:
+    """The density of each form."""
+    return tuple(folder.read(name, MixtureModel) for name in TRAJECTORY_FILES.values())
 
 
 def _of_origin(model: Gate, what: str, samples: asked.ClassifierSamples) -> Gate:
@@ -165,11 +158,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder for the model files")
     given = parser.parse_args(arguments)
     given.out.mkdir(parents=True, exist_ok=True)
-    folder = {"models.folder": str(given.out), "read.spacing_m": ANY_SPACING_M}
-    densities = trajectory_densities(folder)
+    densities = trajectory_densities(ModelFolder(given.out))
     truths = [(log, read_labels(log.with_suffix(".truth.json"))) for log in given.logs]
     for preset, wanted in PASSES:
-        settings, _ = load_settings(preset, None, [], folder)
+        own = str(given.out) if (given.out / OWN["color"]).is_file() else ""
+        options = {"models.folder": own, "read.spacing_m": ANY_SPACING_M}
+        settings, _ = load_settings(preset, None, [], options)
         models = load_models(settings)
         if models.color_classes is not None and "color" in wanted:  # nothing behind it is asked
             models = replace(models, color_classes=replace(models.color_classes, threshold=np.inf))

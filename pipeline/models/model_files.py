@@ -32,7 +32,7 @@ from wayside.stages.panel import OUTLINE_FEATURES, POST_FEATURES
 from wayside.stages.report import COLOR_SPACES, DESCRIPTORS
 from wayside.stages.sign_codes import CLASSES, FaceClassifier
 
-REPORT_LOCATION = "location_report.json"
+REPORT_LOCATION, PANEL_SIZE = "location_report.json", "panel_size.json"
 TRAJECTORY_FILES = {"image": "trajectory.json", "compensated": "trajectory_compensated.json"}
 """Density of the trajectories of signs, by its form."""
 OWN_COLORS = "color.json"
@@ -47,6 +47,7 @@ _NAMES = {
     "back_scores": "back",
     "back_landmark_classifier": "back_place",
     "trajectory_density": "trajectory",
+    "panel_sizes": "panel_size",
     "detection_network": "network",
     "box_network": "box",
     "face_network": "face_code",
@@ -83,6 +84,8 @@ class Models:
     """Another detector, or its boxes, in the place of wayside's own."""
     trajectory_density: MixtureModel | None = None
     """Of the motion of signs in the image."""
+    panel_sizes: GaussianModel | None = None
+    """Logarithms of width and height, metres, of the segments of signs and of other things."""
     face_network: OnnxFile | None = None
     """What sign a face shows."""
     post_kinds: LinearModel | None = None
@@ -180,15 +183,14 @@ def _default_models(folder: ModelFolder, settings: Settings) -> Models:
 def _report_models(folder: ModelFolder, settings: Settings) -> Models:
     """The gates of the report's chain; colours of the user's own may be of any space, those that ship are of RGB."""
     colors = OWN_COLORS if folder.own_file(OWN_COLORS) else "color_rgb.json"
-    form = settings.report.trajectory
+    moves = TRAJECTORY_FILES.get(settings.report.trajectory)
     return Models(
         _location(folder, settings.models.location or REPORT_LOCATION),
         folder.read("outline.json", LinearModel),
         color_classes=folder.read(colors, GaussianModel),
         shape_classes=folder.read("shape.json", GaussianModel) if settings.report.shape else None,
-        trajectory_density=(
-            None if form == "off" else folder.read(TRAJECTORY_FILES[form], MixtureModel)
-        ),
+        trajectory_density=folder.read(moves, MixtureModel) if moves else None,
+        panel_sizes=folder.read(PANEL_SIZE, GaussianModel),
     )
 
 
@@ -217,10 +219,8 @@ def _check_inputs(models: Models, folder: ModelFolder) -> None:
     """Refuse models of other inputs than those that the stages compute, before the first image."""
     known = {*LANDMARK_FEATURES, *EVIDENCE_TERMS}
     odd = {"outline.json": {*models.outline_weights.features} ^ {*OUTLINE_FEATURES}}
-    for name, evidence in (
-        ("place.json", models.landmark_classifier),
-        ("back_place.json", models.back_landmark_classifier),
-    ):
+    places = models.landmark_classifier, models.back_landmark_classifier
+    for name, evidence in zip(("place.json", "back_place.json"), places, strict=True):
         if evidence is not None:
             odd[name] = {*evidence.features, *evidence.terms} - known
     if models.color_classes is not None:
@@ -228,6 +228,8 @@ def _check_inputs(models: Models, folder: ModelFolder) -> None:
         _check_gate(models.location_classes, None, {"right_up_m": 2})
     if models.shape_classes is not None:
         _check_gate(models.shape_classes, SHAPES, {"fourier8": DESCRIPTORS})
+    if models.panel_sizes is not None:
+        odd[PANEL_SIZE] = {models.panel_sizes.space} ^ {"log_m"}
     if models.post_kinds is not None:
         odd["post.json"] = {*models.post_kinds.features} ^ {*POST_FEATURES}
     for name, inputs in odd.items():

@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import Detections, Regions, box_centers
 from wayside.schemas.landmarks import Crop, TrackedFrame
-from wayside.schemas.models import GaussianClass
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
-from wayside.stages.classifiers import log_normals
 from wayside.stages.geometry import cross_matrices
 from wayside.stages.kernels import Array, compiled, compiled_within
 from wayside.stages.mapping import (
@@ -153,11 +151,6 @@ REACH = 1
 APPEARANCE, VIEWS = 0.4, 1.4
 """Weights of evidence for a sign, those of place and size being 1: of the mean likelihood ratio of its colour, and of
 the logarithm of the number of views (logistic regression on four learning drives)."""
-SIZES = (
-    GaussianClass("sign", np.array([-0.39, -0.71]), np.array([[0.32, 0.13], [0.13, 0.24]]), 538),
-    GaussianClass("other", np.array([-0.19, -0.73]), np.array([[0.85, 0.44], [0.44, 0.74]]), 4640),
-)
-"""Logarithms of width and height, metres, of landmarks on six learning drives."""
 
 
 def match_segments(
@@ -201,11 +194,9 @@ class _Matcher(WindowSolver):
             measured = LandmarkMeasurement(fit.point, fit.covariance, box_panel(fit, self._window))
             views = fit.views_in(self._window)
             seen = fit.followed_in(self._window)
-            sign, other = log_normals(np.log(fit.metric)[None], SIZES)[0]
             terms = {
                 "appearance": APPEARANCE * seen["score"].mean(),
                 "views": VIEWS * np.log(len(seen)),
-                "size": sign - other,
             }
             self._report(
                 fit,

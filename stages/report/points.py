@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from wayside.schemas.frame import Pose
 from wayside.schemas.landmarks import Crop, Landmark, TrackedFrame
+from wayside.schemas.models import GaussianModel
+from wayside.stages.classifiers import log_ratios
 from wayside.stages.geometry import pair_residual, points_of_second, to_rays
 from wayside.stages.mapping import BOX_SIGMA, STEP_COVARIANCE, point_covariance
 
@@ -106,23 +108,25 @@ def fit_depth(depth: NDArray[np.float64], sigma: NDArray[np.float64]) -> DepthFi
     return DepthFit(mean, float(np.sqrt(max(1.0, chi2) / weight.sum())), agree, evidence)
 
 
-def triangulate_points(tracked: Iterator[TrackedFrame]) -> Iterator[TrackedFrame]:
+def triangulate_points(
+    tracked: Iterator[TrackedFrame], sizes: GaussianModel
+) -> Iterator[TrackedFrame]:
     """Place accepted landmarks by the SIFT points of their two nearest views; refuse those that scatter (`residual`).
 
     The points of a face lie on an upright plane. Their midpoints (eq. 7.4) therefore agree on one depth, which is also
     the depth of the segment's centre. Points of leaves and of things behind them do not. A landmark without pixels
-    stays as it is.
+    stays as it is. `sizes`: of the logarithms of width and height, metres.
     """
     sift = cv2.SIFT.create(MOST_POINTS, contrastThreshold=CONTRAST)
     for frame in tracked:
         landmarks = (
-            _placed(one, sift) if one.verdict == "sign" and len(one.crops) > 1 else one
+            _placed(one, sift, sizes) if one.verdict == "sign" and len(one.crops) > 1 else one
             for one in frame.landmarks
         )
         yield replace(frame, landmarks=tuple(replace(one, crops=()) for one in landmarks))
 
 
-def _placed(one: Landmark, sift: cv2.SIFT) -> Landmark:
+def _placed(one: Landmark, sift: cv2.SIFT, sizes: GaussianModel) -> Landmark:
     first, second = one.crops
     points, e = match_points(first, second, sift)
     poses = [crop.motion.pose for crop in one.crops]
@@ -134,7 +138,8 @@ def _placed(one: Landmark, sift: cv2.SIFT) -> Landmark:
     scatter *= [BOX_SIGMA[0] + BOX_SIGMA[1] * tall_px, *(POINT_PX for _ in e)]
     fit = fit_depth(points[:, 2], scatter)
     rigidity = RIGIDITY * float(np.log1p(max(0.0, fit.evidence.sum())))
-    evidence = (*one.evidence, ("rigidity", rigidity))
+    size = float(log_ratios(np.log([[one.width_m, one.height_m]]), sizes).max())
+    evidence = (*one.evidence, ("size", size), ("rigidity", rigidity))
     if sum(ratio for _, ratio in evidence) < LEAST_EVIDENCE:
         return replace(one, verdict="residual")
     centre *= fit.depth / centre[2]

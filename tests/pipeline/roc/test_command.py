@@ -15,6 +15,7 @@ from wayside.pipeline.learning.gates import learn_gates, trajectory_densities
 from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
 from wayside.pipeline.learning.thresholds import GATE_RATES
 from wayside.pipeline.models.model_files import load_models
+from wayside.pipeline.models.model_folder import ModelFolder
 from wayside.pipeline.roc.command import _write, format_curves, measure_roc
 from wayside.schemas.errors import InputError, OutputError
 from wayside.schemas.labels import LabelledImage, Labels
@@ -121,10 +122,12 @@ def test_the_confusion_counts_what_the_run_decided_and_leaves_out_what_is_neithe
 
 
 def test_gates_are_learned_with_their_rule_and_what_they_rest_on(asked, models):
-    learned = learn_gates(asked, models)
+    learned = learn_gates(asked | {"panel_size": asked["location"]}, models)
     (right,) = learned["location_report.json"].classes
     assert right.mean == pytest.approx([7, 0.5], abs=0.5)
     assert "d0 (8 signs, 22 others)" in learned["location_report.json"].provenance
+    ratios = log_ratios(asked["location"].values, learned["panel_size.json"])
+    assert ratios[:30].min() > 0 > np.median(ratios[30:])
     color = learned["color_rgb.json"]
     assert color.classes[2].mean.tolist() == models.color_classes.classes[2].mean.tolist()
     assert sum(one.count for one in color.background) == 200
@@ -162,7 +165,7 @@ def test_a_drive_is_asked_about_by_every_classifier_of_the_preset(preset):
     if preset == "report":
         # the same stage refuses sizes, but places first
         used = replace(used, location_classes=replace(used.location_classes, threshold=np.inf))
-    densities = trajectory_densities({}) if preset == "report" else ()
+    densities = trajectory_densities(ModelFolder()) if preset == "report" else ()
     found = gather_samples(DEMO, labels, settings, used, undecided=densities)
     wanted = {
         "report-2d": {"size", "color", "trajectory"},

@@ -7,6 +7,7 @@ import pytest
 
 from wayside.schemas.frame import Pose
 from wayside.schemas.landmarks import Crop, TrackedFrame
+from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.stages.geometry import pair_midpoint
 from wayside.stages.report import merge_segments, triangulate_points
 from wayside.stages.report.points import LEAST_EVIDENCE, SIZE_SIGMA, depth_sigma, fit_depth
@@ -15,9 +16,11 @@ from ...made_landmarks import made_landmark
 from ..made_frames import drive, landmarks_of, stamp, texture
 
 FACE = np.array([3.5, -1.2, 30.0])
+LARGE, SMALL = (GaussianClass("", np.full(2, np.log(m)), np.eye(2) / 4, 1) for m in (1.1, 0.2))
+ALIKE = GaussianModel("log_m", (LARGE,), "", (LARGE,))
 
 
-def placed(behind=lambda square: 0.0, seeds=(0, 0), lower_px=0.0):
+def placed(behind=lambda square: 0.0, seeds=(0, 0), lower_px=0.0, sizes=ALIKE):
     """A landmark of a face of 1 m after two views of it: `behind(k)` is how far its k-th square of 16 is behind it."""
     frames = drive([], 2)
     crops = [
@@ -34,8 +37,7 @@ def placed(behind=lambda square: 0.0, seeds=(0, 0), lower_px=0.0):
         evidence=(("place", LEAST_EVIDENCE - 3.9),),
     )
     tracked = tracked_frame(frames[1], seen)
-    (one,) = landmarks_of(triangulate_points(iter([tracked])))
-    return one
+    return landmarks_of(triangulate_points(iter([tracked]), sizes))[0]
 
 
 def tracked_frame(posed, *landmarks):
@@ -96,10 +98,14 @@ def test_points_at_many_depths_and_views_of_different_things_are_no_face(seed):
     assert placed(seeds=(0, seed)).verdict == "residual"
 
 
+def test_a_segment_as_large_as_other_things_has_evidence_against_it():
+    assert placed(sizes=GaussianModel("log_m", (SMALL,), "", (LARGE,))).verdict == "residual"
+
+
 def test_a_landmark_without_pixels_or_refused_before_stays_as_it_is():
-    given = made_landmark(), made_landmark(verdict="location")
+    given = [made_landmark(), made_landmark(verdict="location")]
     (frame,) = drive([], 1)
-    assert landmarks_of(triangulate_points(iter([tracked_frame(frame, *given)]))) == list(given)
+    assert landmarks_of(triangulate_points(iter([tracked_frame(frame, *given)]), ALIKE)) == given
 
 
 def test_the_scatter_of_a_depth_is_that_of_simulated_midpoints():
