@@ -50,8 +50,8 @@ def system_notes(signs: Sequence[Sign], settled: float) -> list[str]:
     if not signs or not 1 - settled < signs[0].us_probability < settled:
         return []
     return [
-        f"the signs do not settle whether they are of the US system (probability {signs[0].us_probability:.2f}), so no "
-        "code is stated; say which with --set codes.system=us or vienna"
+        f"it is unclear whether the signs are of the US system (probability {signs[0].us_probability:.2f}), so "
+        "no code is stated; choose with --set codes.system=us or vienna"
     ]
 
 

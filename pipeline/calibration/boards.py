@@ -268,11 +268,11 @@ def format_boards(found: CalibratedImages) -> str:
     ]
     if coverage.reach < _FAR:
         lines.append(
-            "beware: the distortion farther out is extrapolated; photograph the board there"
+            "warning: the distortion farther out is extrapolated; photograph the board there"
         )
     if not _largest_gap(found.calibration.camera) < _LARGEST_GAP_PX:
         lines.append(
-            "beware: near the border the distortion is not invertible, so points there have no direction; "
+            "warning: near the border the distortion is not invertible, so points there have no direction; "
             "photograph the board there, or use a simpler --model"
         )
     return "\n".join([*found.image_lines(), "", *found.parameter_lines(), "", *lines])

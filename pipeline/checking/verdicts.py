@@ -207,7 +207,7 @@ def _looks_like(row: Row, sign: CatalogueSign, system: str) -> bool:
 
 
 def format_checks(rules: Sequence[Rule], checks: Sequence[Check]) -> str:
-    """How many signs each rule has by verdict, and those that rather break one, as lines of text."""
+    """How many signs each rule has by verdict, and those that more likely break one than not, as lines of text."""
     lines = [f"{'rule':<28}{''.join(f'{verdict:>15}' for verdict in CHECK_VERDICTS)}"]
     for rule in rules:
         counts = Counter(check.verdict for check in checks if check.rule is rule)
@@ -216,7 +216,7 @@ def format_checks(rules: Sequence[Rule], checks: Sequence[Check]) -> str:
     for verdict in SHOWN:
         found = [c for c in checks if c.verdict == verdict and c.probability >= 0.5]
         if found:
-            lines += ["", verdict if verdict == "fails" else f"{verdict}, rather broken"]
+            lines += ["", verdict if verdict == "fails" else f"{verdict}, probably broken"]
         lines += [f"  {c.rule.id:<28}{c.name}  {c.face:<26}{c.said}" for c in found]
     return "\n".join(lines)
 

@@ -39,7 +39,7 @@ def common(
     version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
     debug: Annotated[
         bool,
-        typer.Option("--debug", help="Show a traceback with every error; anywhere in the line."),
+        typer.Option("--debug", help="Print tracebacks. Works anywhere on the command line."),
     ] = False,
 ) -> None:
     """Options of every command."""

@@ -50,9 +50,9 @@ class Order(StrEnum):
 @app.command(epilog=examples("wayside info drive.mcap", "wayside info drive.mcap --json"))
 def info(
     log: Log,
-    as_json: Annotated[bool, typer.Option("--json", help="Print it as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
-    """Say what a log holds, and whether and how it can be used."""
+    """Show what a log contains, and whether and how it can be used."""
     from wayside.pipeline.logs.information import format_log, inspect_log
 
     facts = inspect_log(read_as_log(log), shown=log)
@@ -66,25 +66,23 @@ def info(
 HOW_TO_IMPORT = {
     "spacing": Option(
         str,
-        "Distance between images, where they have no positions: 26.4ft, 8m.",
+        "Distance between images, if they have no positions: 26.4ft, 8m.",
         "spacing_m",
         parsed=parse_length,
     ),
     "date": Option(
         str,
-        "When the first was taken: 2009-05-14, 2009-05-14T10:31Z.  [default: by Exif]",
+        "When the first image was taken: 2009-05-14, 2009-05-14T10:31Z.  [default: from Exif]",
         "date",
         parsed=parse_date,
     ),
     "positions": Option(
-        Path, "GPX, or CSV of file or time, and lon, lat or route, milepost.  [default: by Exif]"
+        Path, "GPX, or CSV with file or time, and lon, lat or route, milepost.  [default: Exif]"
     ),
     "routes": Option(Path, "Route lines with measures, for the mileposts of --positions."),
     "unit": Option(str, "Unit of those mileposts: mi, km, ft or m.", default="mi"),
-    "every": Option(int, "Take every n-th picture of a video.", default=1, least=1),
-    "order": Option(
-        Order, "What decides the order where names and dates of capture disagree.", "order"
-    ),
+    "every": Option(int, "Use every n-th image of a video.", default=1, least=1),
+    "order": Option(Order, "Order to use if file names and capture dates disagree.", "order"),
 }
 
 
@@ -103,13 +101,13 @@ def import_(
         typer.Argument(metavar="IMAGES...", help="Numbered images, a folder, or a video (MP4)."),
     ],
     calibration: Annotated[
-        Path, typer.Option(help="Camera calibration: YAML of ROS, OpenCV or Kalibr.")
+        Path, typer.Option(help="Camera calibration: YAML from ROS, OpenCV or Kalibr.")
     ],
     out: Annotated[Path, typer.Option("-o", "--out", help="The log to write.")],
     overwrite: Overwrite = False,
     **given: Any,
 ) -> None:
-    """Make a log of numbered images or a video, with positions where these are known."""
+    """Make a log from numbered images or a video, with positions if they are known."""
     from wayside.pipeline.cli.progress import SheetProgress
     from wayside.pipeline.logs.importing import ImportOptions, import_images
     from wayside.pipeline.logs.unpacking import VIDEOS, unpack_video
@@ -136,7 +134,7 @@ def import_(
             warn=lambda words: typer.echo(visible(f"note: {words}"), err=True),
             watch=progress.watch,
         )
-    begin = "; no date, which --date gives" if done.begin is None else f" from {done.begin}"
+    begin = "; no date (add with --date)" if done.begin is None else f" from {done.begin}"
     placed = f", {done.placed} with a position" if done.placed else ""
     said = f"{out}: {counted(done.images, 'image')}{begin}{placed}; next: wayside run {out} -o out"
     typer.echo(visible(said))
@@ -160,7 +158,7 @@ def join(
     out: Annotated[Path, typer.Option("-o", "--out", help="The log to write.")],
     overwrite: Overwrite = False,
 ) -> None:
-    """Make one log of the parts of a drive, or of a ROS bag."""
+    """Make one log from the parts of a drive, or from a ROS bag."""
     from wayside.pipeline.logs.joining import join_logs
 
     joined = join_logs(parts, out, overwrite=overwrite)
@@ -175,14 +173,14 @@ def join(
 HOW_TO_CALIBRATE = {
     "out": Option(Path, "The ROS camera_info YAML to write.", names=("-o", "--out")),
     "board": Option(str, "Inner corners along both sides of the chessboard: 9x6."),
-    "square": Option(str, "Side of a square: 25.4mm. Only the distances printed depend on it."),
+    "square": Option(str, "Side of a square: 25.4mm. Affects only the printed distances."),
     "model": Option(
         str,
         "Boards: plumb_bob (k1 k2 p1 p2), plumb_bob_k3 (and k3) or rational (and k4 k5 k6).  "
         "[default: plumb_bob]",
     ),
     "coverage": Option(
-        Path, "Boards: picture of the corners.  [default: beside the YAML, .coverage.png]"
+        Path, "Boards: image of the corners to write.  [default: next to the YAML, .coverage.png]"
     ),
     "name": Option(str, "Name of the camera in the YAML.", default="camera"),
 }
@@ -205,15 +203,15 @@ def calibrate(
         list[Path],
         typer.Argument(
             metavar="LOG|IMAGES...",
-            help="The log of a drive; with --board images of a chessboard, or a folder of them.",
+            help="The log of a drive. With --board: images of a chessboard, or a folder of them.",
         ),
     ],
     overwrite: Overwrite = False,
     **given: Any,
 ) -> None:
-    """Calibrate a camera by a chessboard or by a drive: focal length and distortion with standard errors.
+    """Calibrate a camera from a chessboard or from a drive: focal length and distortion with standard errors.
 
-    `--calibration camera.yaml` of `run`, `import` and `replay` takes the result.
+    Pass the result to `run`, `import` or `replay` as `--calibration camera.yaml`.
     """
     from wayside.pipeline.calibration.boards import parse_board
     from wayside.pipeline.calibration.command import calibrate_by_boards, calibrate_by_drive
@@ -245,7 +243,7 @@ def calibrate(
         )
     if len(paths) != 1:
         raise UsageError(
-            f"{len(paths)} logs are given, but one is calibrated at a time. Calibrate each by itself, or give "
-            "--board for images of a board."
+            f"{len(paths)} logs are given, but only one can be calibrated at a time. Run the command for each, "
+            "or give --board for images of a board."
         )
     typer.echo(visible_lines(calibrate_by_drive(paths[0], chosen, **kept)))

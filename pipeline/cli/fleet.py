@@ -47,7 +47,7 @@ class LogsFirst(CommandGroup):
 fleet_app = Application(
     cls=LogsFirst,
     no_args_is_help=True,
-    help="Many logs to one inventory: `wayside fleet LOGS... -o INVENTORY`; `wayside fleet run --help` lists options.",
+    help="Process many logs into one inventory: `wayside fleet LOGS... -o INVENTORY`. See `wayside fleet run --help`.",
     epilog=FLEET_EPILOG,
 )
 
@@ -61,17 +61,17 @@ AnswerFormat = StrEnum("AnswerFormat", ["table", "csv", "json", "parquet"])
 HOW_TO_RUN = {
     "jobs": Option(
         int,
-        "Logs side by side.  [default: 1; of a scheduler: its threads]",
+        "Number of logs processed in parallel.  [default: 1; with a scheduler: its threads]",
         names=("-j", "--jobs"),
         least=1,
     ),
     "scheduler": Option(
         str,
-        "Run on Dask distributed: on a cluster, or on workers of this machine.",
+        "Run on Dask distributed: on a cluster, or on local workers.",
         metavar="tcp://HOST:PORT|local",
     ),
     "attempts": Option(
-        int, "Times a log is begun before it goes into quarantine.", default=3, least=1
+        int, "Number of attempts before a log goes into quarantine.", default=3, least=1
     ),
     "self_calibrate": SELF_CALIBRATE,
     "retry": flag("--retry", "Try the logs in quarantine again."),
@@ -90,19 +90,19 @@ def fleet(
         list[str],
         typer.Argument(
             metavar="LOGS...",
-            help="MCAP files, folders, patterns, URLs of object storage, @list.txt with one a line, or a table: "
-            "CSV with the column log, and options of it as others (route, milepost, camera, calibration).",
+            help="MCAP files, folders, patterns, object storage URLs, @list.txt with one log per line, or a CSV "
+            "table with the column log and optional columns route, milepost, camera, calibration.",
         ),
     ],
     out: Annotated[
         Path,
         typer.Option(
-            "-o", "--out", metavar="INVENTORY", help="Folder of the inventory; logs may be added."
+            "-o", "--out", metavar="INVENTORY", help="Inventory folder. You can add logs later."
         ),
     ],
     **given: Any,
 ) -> None:
-    """Run many logs into one inventory, each once, and merge their signs.
+    """Process many logs into one inventory, each log once, and merge their signs.
 
     A log whose result stands, made of the same log, settings and models, is not run again: the same command goes on
     where it was ended. A log that ends its worker is tried again, and put aside with its own log after three attempts.
@@ -155,7 +155,7 @@ def read_log_table(file: Path, given: Mapping[str, Any]) -> "dict[str, Settings]
 
 @fleet_app.command(epilog=examples("wayside fleet status inventory"))
 def status(inventory: Inventory) -> None:
-    """Say how far a fleet is: logs done, running and in quarantine, rate and time left."""
+    """Show the progress of a fleet: logs done, running and in quarantine, rate and time left."""
     from wayside.pipeline.fleet.status import format_status
 
     typer.echo(visible_lines(format_status(inventory)))
@@ -170,17 +170,17 @@ def status(inventory: Inventory) -> None:
 )
 def query(
     inventory: Inventory,
-    sql: Annotated[str, typer.Argument(metavar="SQL", help="One question in DuckDB's SQL.")],
-    file: Annotated[Path | None, typer.Option("-o", "--out", help="Write the answer here.")] = None,
+    sql: Annotated[str, typer.Argument(metavar="SQL", help="One query in DuckDB SQL.")],
+    file: Annotated[Path | None, typer.Option("-o", "--out", help="Write the result here.")] = None,
     kind: Annotated[
         AnswerFormat | None,
         typer.Option(
-            "-f", "--format", help="Default: by the end of the name; a table on the terminal."
+            "-f", "--format", help="Default: by the file extension; a table on the terminal."
         ),
     ] = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Ask an inventory in SQL: views panels, supports, sightings, signs, frames, observations, checks, logs."""
+    """Query an inventory with SQL. Views: panels, supports, sightings, signs, frames, observations, checks, logs."""
     from wayside.pipeline.files.writing import whole_file
     from wayside.pipeline.fleet.query import FORMATS, first_rows, write_answer
 
@@ -217,7 +217,7 @@ def _print_table(names: list[str], rows: list[list[str | None]]) -> None:
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 400)
     console.print(table)
     if len(rows) > _MOST_LISTED:
-        console.print(f"... and more; -f csv writes all rows, or ask with LIMIT {_MOST_LISTED}")
+        console.print(f"... and more; -f csv writes all rows, or add LIMIT {_MOST_LISTED}")
 
 
 def _summary(report: "FleetReport", out: Path) -> str:
@@ -241,10 +241,10 @@ def _summary(report: "FleetReport", out: Path) -> str:
     lines += [f"{uri}: the same recording as {name}, counted once" for uri, name in report.copies]
     if report.left:
         some = ", ".join(report.left[:_MOST_LISTED])
-        lines.append(f"{counted(len(report.left), 'log')} taken out, without results now: {some}")
+        lines.append(f"{counted(len(report.left), 'log')} removed, as results are gone: {some}")
     done = sum(entry.state == State.DONE for entry in report.entries)
     lines.append(
-        f"{done} of {counted(len(report.entries), 'log')} done, {len(report.kept)} of them before"
+        f"{done} of {counted(len(report.entries), 'log')} done, {len(report.kept)} of them in an earlier run"
     )
     lines.append("panels unchanged" if report.merged is None else f"merged: {report.merged}")
     return "\n".join(lines)
@@ -259,26 +259,26 @@ def _summary(report: "FleetReport", out: Path) -> str:
 @takes("settings", "assignments", "units")
 def changes(
     inventory: Annotated[
-        Path, typer.Argument(metavar="INVENTORY", help="Folder of merged drives.")
+        Path, typer.Argument(metavar="INVENTORY", help="Inventory written by `wayside fleet`.")
     ],
     before: Annotated[
         str, typer.Option(help="Earlier survey: 2024, 2024-05, 2024-05-17, 2024-03..2024-06.")
     ],
-    after: Annotated[str, typer.Option(help="Later survey, in the same words.")],
+    after: Annotated[str, typer.Option(help="Later survey, in the same format.")],
     page: Annotated[Path, typer.Option("-o", "--out", help="The page to write.")],
     every: Annotated[
-        bool, typer.Option("--all", help="Show unchanged panels, and those not looked at, as well.")
+        bool, typer.Option("--all", help="Also show panels that are unchanged or were not in view.")
     ] = False,
     review: Annotated[
         list[Path] | None,
         typer.Option(
-            help="What people said on the page; several are merged.  [default: changes.review*.json in INVENTORY]"
+            help="Reviews saved from the page. Repeat to merge several.  [default: changes.review*.json in INVENTORY]"
         ),
     ] = None,
     overwrite: Overwrite = False,
     **given: Any,
 ) -> None:
-    """Compare two surveys: which signs are unchanged, moved, of another face, new, gone, or not covered."""
+    """Compare two surveys: which signs are unchanged, moved, new, gone, not covered, or have another face."""
     from wayside.pipeline.evidence.marks import UNITS
     from wayside.pipeline.files.settings_file import load_settings
     from wayside.pipeline.fleet.changes import find_changes, parse_survey
@@ -287,8 +287,8 @@ def changes(
     chosen, origins = load_settings(file=given["settings"], assignments=given["assignments"] or [])
     if alien := [n for n, o in origins.items() if o == "--set" and not n.startswith("changes.")]:
         raise UsageError(
-            f"--set {alien[0]}: only settings of the group changes apply here. Runs and merging are done already: "
-            "give their settings to `wayside fleet`."
+            f"--set {alien[0]}: only settings of the group changes apply here. Give settings of runs and "
+            "merging to `wayside fleet`."
         )
     surveys = parse_survey(before), parse_survey(after)
     report = find_changes(
@@ -302,7 +302,7 @@ def changes(
         for fault in written.faults:
             typer.echo(visible(f"wayside: {fault}"), err=True)
         typer.echo(
-            f"wayside: not on the page, as no log gives them: {counted(written.lost_images, 'image')}",
+            f"wayside: not on the page, as no log has them: {counted(written.lost_images, 'image')}",
             err=True,
         )
         raise typer.Exit(PARTS_LOST)

@@ -51,37 +51,37 @@ def label(  # noqa: PLR0913 - one for each option
     out: Annotated[
         Path,
         typer.Option(
-            "-o", "--out", help="Folder of the page to mark; or the labels to write, .parquet."
+            "-o", "--out", help="Folder for the page, or the .parquet file of labels to write."
         ),
     ],
     most: Annotated[
-        int, typer.Option("--boxes", min=0, help="Single boxes to ask about, beside all landmarks.")
+        int, typer.Option("--boxes", min=0, help="Single boxes to show in addition to landmarks.")
     ] = 300,
     log: MovedLog = None,
     classes: Annotated[
         Path | None,
-        typer.Option(help="TOML: which classes of COCO, VOC and YOLO are signs, and their looks."),
+        typer.Option(help="TOML file: which COCO, VOC or YOLO classes are which signs."),
     ] = None,
     review: ReviewFiles = None,
     spacing: Annotated[
-        str | None, typer.Option(help="Log: distance between images, as of `run`.")
+        str | None, typer.Option(help="For a log: distance between images, as for `run`.")
     ] = None,
-    preset: Annotated[str, typer.Option(help="Log: preset of its run.")] = "default",
+    preset: Annotated[str, typer.Option(help="For a log: preset of its run.")] = "default",
     overwrite: Overwrite = False,
 ) -> None:
-    """Write a page of candidates to mark by keyboard, those first that teach the most; turn marks into labels."""
+    """Write a page of candidates to mark by keyboard, the most useful first, or turn marks into labels."""
     if out.suffix.lower() == ".parquet":
         _convert(sources, out, classes, review or (), overwrite=overwrite)
         return
     if len(sources) != 1:
         raise UsageError(
-            f"{len(sources)} results or logs are given, but a page marks one. Make a page of each, or write labels "
-            "with -o labels.parquet."
+            f"{len(sources)} results or logs are given, but a page shows one. Make a page for each, or write "
+            "labels with -o labels.parquet."
         )
     result, lost = sources[0], 0
     if result.suffix.lower() == ".json":
         raise UsageError(
-            f"{result}: labels cannot be written to {out}. Give a file of labels, as in -o labels.parquet."
+            f"{result}: labels cannot be written to {out}. Give a file name, as in -o labels.parquet."
         )
     if result.is_file():
         from wayside.pipeline.files.settings_file import load_settings
@@ -132,25 +132,25 @@ def _write(result: Path, folder: Path, most: int, log: Path | None, *, overwrite
         more = f", {counted(asked.left_out, 'box', 'boxes')} farther from the threshold left out"
     typer.echo(visible(f"{len(asked.items)} to mark{more}; open {written.path}"))
     if written.lost:
-        words = "no image: the log no longer holds it, or it does not decode"
+        words = "no image: the log no longer has it, or it cannot be decoded"
         typer.echo(f"wayside: {counted(written.lost, 'has', 'have')} {words}", err=True)
     return written.lost
 
 
 HOW_TO_FIT = {
-    "model": Option(list[Fitted], "Fit this model only; may be repeated.", names=("--model",)),
+    "model": Option(list[Fitted], "Fit only this model. Repeat for several.", names=("--model",)),
     "alpha": Option(
-        float, "False-alarm rate of each gate, 0.01 for instance.  [default: that of the shipped]"
+        float, "False-alarm rate of each gate, such as 0.01.  [default: as in the shipped models]"
     ),
-    "space": Option(Space, "Space of the colours; auto: by cross-validation.", default="auto"),
-    "complete": flag("--complete", "Every sign of the labelled images is labelled."),
+    "space": Option(Space, "Colour space; auto chooses it by cross-validation.", default="auto"),
+    "complete": flag("--complete", "All signs in the labelled images are labelled."),
     "only_labelled": flag(
         "--only-labelled",
         "Leave out classes with too few labelled signs instead of keeping the shipped ones.",
     ),
-    "classes": Option(Path, "TOML: which classes of COCO, YOLO, VOC are which signs."),
-    "source": Option(str, "Who made images and labels, for the models.", default=""),
-    "licence": Option(str, "Licence of the images, for the models.", default=""),
+    "classes": Option(Path, "TOML file: which classes of COCO, YOLO and VOC are which signs."),
+    "source": Option(str, "Who made the images and labels; stored in the models.", default=""),
+    "licence": Option(str, "Licence of the images; stored in the models.", default=""),
 }
 
 
@@ -168,13 +168,13 @@ def fit(
         list[Path],
         typer.Argument(
             metavar="LABELS...",
-            help="Labels: wayside's Parquet, COCO, YOLO, VOC, the truth of a drive, or a reviewed result. One, or one "
-            "for each --images.",
+            help="Labels: wayside's Parquet, COCO, YOLO, VOC, the truth of a drive, or a reviewed result. Give "
+            "one, or one for each --images.",
         ),
     ],
     images: Annotated[
         list[Path],
-        typer.Option("--images", metavar="LOG|DIR", help="What is labelled; may be repeated."),
+        typer.Option("--images", metavar="LOG|DIR", help="The labelled images. May be repeated."),
     ],
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the models.")],
     overwrite: Overwrite = False,
@@ -191,7 +191,7 @@ def fit(
     own = {name: given.pop(name) for name in HOW_TO_FIT}
     wanted, alpha = own.pop("model") or Fitted, own["alpha"]
     if alpha is not None and not 0 < alpha < 1:
-        raise UsageError(f"--alpha: a false-alarm rate lies between 0 and 1, not at {alpha:g}")
+        raise UsageError(f"--alpha: a false-alarm rate must be between 0 and 1, but is {alpha:g}")
     tune_process()
     asked = tuple(one.value for one in Fitted if one in wanted)
     options = FitOptions(tuple(labels), tuple(images), settings_of(given), asked, **own)
@@ -215,7 +215,7 @@ def roc(
         typer.Option(
             "--labels",
             "--truth",
-            help="Labels of their images, of any format; may be repeated (docs/labels.md).",
+            help="Labels of the images, in any format of docs/labels.md. Repeat for several.",
         ),
     ],
     out: Annotated[Path, typer.Option("-o", "--out", help="Output folder.")],
@@ -224,8 +224,8 @@ def roc(
 ) -> None:
     """Measure every classifier on labelled drives: true and false positives over thresholds, knee, area, confusion.
 
-    What counts is what a classifier is really asked about. Bands are 95 % and resample whole drives; of one drive alone
-    its stretches.
+    Only candidates that reach a classifier in a run count. Bands are 95 %, by resampling whole drives; with
+    one drive, its stretches.
     """
     from wayside.pipeline.models.model_files import load_models
     from wayside.pipeline.roc.command import format_curves, measure_roc

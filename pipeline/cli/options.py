@@ -30,21 +30,21 @@ RecordedImages = StrEnum("RecordedImages", ["all", "signs", "none"])
 Lengths = StrEnum("Lengths", ["metric", "us"])
 """Units of lengths."""
 Log = Annotated[
-    Path, typer.Argument(metavar="LOG", help="An MCAP file, a ROS 2 bag directory, a ROS 1 bag.")
+    Path, typer.Argument(metavar="LOG", help="An MCAP file, a ROS 2 bag directory or a ROS 1 bag.")
 ]
 Out = Annotated[Path, typer.Argument(metavar="OUT", help="Folder written by `wayside run`.")]
 MovedLog = Annotated[
-    Path | None, typer.Option(help="Where the log lies now, if it has moved since the run.")
+    Path | None, typer.Option(help="Where the log is now, if it has moved since the run.")
 ]
 ReviewFiles = Annotated[
     list[Path] | None,
     typer.Option(
         "--review",
-        help="Corrections saved by the evidence index, also of an earlier run; several are merged.  "
+        help="Corrections saved from the evidence index, also of an earlier run. Repeat to merge several.  "
         "[default: review*.json, review*.csv in OUT]",
     ),
 ]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files of the same names.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace existing output files.")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,112 +106,112 @@ _HEADINGS = {"read": READ, "models": DETECT, "route": ROUTE}
 SHARED = {
     "spacing": Option(
         str,
-        "Distance between images, where the log has no poses: 26.4ft, 8m.",
+        "Distance between images, if the log has no poses: 26.4ft, 8m.",
         "read.spacing_m",
         parsed=parse_length,
     ),
-    "camera": Option(str, "Image topic, where the log has several.", "read.camera"),
+    "camera": Option(str, "Image topic, if the log has several.", "read.camera"),
     "calibration": Option(
-        Path, "YAML of ROS, OpenCV or Kalibr instead of the log's calibration.", "read.calibration"
+        Path, "Calibration YAML (ROS, OpenCV, Kalibr) in place of the log's.", "read.calibration"
     ),
     "start": Option(
-        str, "Start here: 90s or 1:30.", "read.from_s", parsed=parse_time, names=("--from",)
+        str, "Start at this time: 90s or 1:30.", "read.from_s", parsed=parse_time, names=("--from",)
     ),
-    "until": Option(str, "Stop here: 120s or 2:00.", "read.until_s", parsed=parse_time),
+    "until": Option(str, "Stop at this time: 120s or 2:00.", "read.until_s", parsed=parse_time),
     "every": Option(int, "Use every n-th image.", "read.every"),
-    "workers": Option(int, "Images processed side by side.", "run.workers"),
+    "workers": Option(int, "Number of images processed in parallel.", "run.workers"),
     "memory": Option(
-        str, "Images under way take so much at most: 2GB.", "run.memory_mb", parsed=parse_memory
+        str, "Memory limit for images in progress: 2GB.", "run.memory_mb", parsed=parse_memory
     ),
     "preset": Option(
         Preset,
-        "`default` finds the most; `report`, `report-2d` and `report-shape` are the chains of KS-09-9.",
+        "`default` finds the most signs; `report`, `report-2d` and `report-shape` follow report KS-09-9.",
         default=Preset.default,
         metavar="PRESET",
         panel=DETECT,
     ),
-    "settings": Option(Path, "TOML file as `wayside settings` prints it.", panel=DETECT),
+    "settings": Option(Path, "TOML file, as printed by `wayside settings`.", panel=DETECT),
     "assignments": Option(
         list[str],
-        "Change one setting; may be repeated.",
+        "Change one setting. Repeat for several.",
         names=("--set",),
         metavar="GROUP.NAME=VALUE",
         panel=DETECT,
     ),
     "detector": Option(
         Path,
-        "ONNX file of a YOLO or RT-DETR detector, instead of wayside's own.",
+        "ONNX file of a YOLO or RT-DETR detector to use instead of wayside's own.",
         "models.detector",
     ),
     "detections": Option(
         Path,
-        "Boxes made elsewhere, Parquet or COCO JSON, instead of wayside's own.",
+        "Boxes from another tool (Parquet or COCO JSON) to use instead of wayside's own.",
         "models.detections",
     ),
     "classes": Option(
         Path,
-        "TOML: which classes of these are signs, and their colours and shapes.",
+        "TOML file: which classes of these boxes are signs, and their colours and shapes.",
         "models.classes",
     ),
     "models": Option(
         Path,
-        "Model files of your own, as `wayside fit` writes them.",
+        "Folder of your own model files, as written by `wayside fit`.",
         "models.folder",
         metavar="DIR",
     ),
     "alpha": Option(
         str,
-        "False-alarm rate of every gate, or of some (color=0.1,location=0.05), not the thresholds of the models.",
+        "False-alarm rate for every gate, or for some (color=0.1,location=0.05). Replaces the models' thresholds.",
         "models.alpha",
         metavar="RATE",
     ),
     "roadside": flag(
         "--roadside",
-        "Also measure the ground beside the road: profile.parquet and sections.parquet.",
+        "Also measure the roadside. Writes profile.parquet, sections.parquet and posts.parquet.",
         "roadside.on",
         panel=ROUTE,
     ),
     "route": Option(str, 'Route of the drive: "US-36 EB".', "route.name", metavar="NAME"),
     "milepost": Option(
-        str, "Measure at the first used image: 12.35 (miles), 19.875km.", panel=ROUTE
+        str, "Milepost at the first used image: 12.35 (miles), 19.875km.", panel=ROUTE
     ),
     "decreasing": flag(
-        "--decreasing", "Mileposts fall in the direction of travel.", "route.decreasing"
+        "--decreasing", "Mileposts decrease in the direction of travel.", "route.decreasing"
     ),
     "routes": Option(
         Path,
-        "Route lines with measures (M), GeoPackage or GeoParquet; needs fixes.",
+        "Route lines with measures (M): GeoPackage or GeoParquet. The log needs satellite fixes.",
         "route.file",
         metavar="FILE",
     ),
     "units": Option(
-        Lengths, "`us`: distances in feet, sizes of signs in inches.", default=Lengths.metric
+        Lengths, "`us`: distances in feet, sign sizes in inches.", default=Lengths.metric
     ),
     "view": Option(
         ViewMode,
-        "Record every step: `file` drive.rrd in the output folder, `live` a viewer's window.",
+        "Record every step: `file` writes drive.rrd to the output folder, `live` opens a viewer.",
         default=ViewMode.none,
         panel=VIEW,
     ),
-    "serve": flag("--serve", "Show it in the browser instead of a window.", panel=VIEW),
+    "serve": flag("--serve", "Show the viewer in a browser instead of a window.", panel=VIEW),
     "port": Option(
-        int, "Port of the page of --serve.  [default: a free one]", least=1, most=65535, panel=VIEW
+        int, "Port for --serve.  [default: any free port]", least=1, most=65535, panel=VIEW
     ),
     "connect": Option(
-        str, "Also send to a viewer that runs already: 127.0.0.1:9876.", metavar="URL", panel=VIEW
+        str, "Also send to a running viewer: 127.0.0.1:9876.", metavar="URL", panel=VIEW
     ),
     "view_images": Option(
         RecordedImages,
-        "Images to record: all, those with signs, none.",
+        "Images to record: all, only those with signs, or none.",
         default=RecordedImages.all,
         panel=VIEW,
     ),
     "blur": flag(
-        "--blur", "Blur what lies off the panels in stored images.", "read.blur", panel=VIEW
+        "--blur", "Blur all but the sign panels in stored images.", "read.blur", panel=VIEW
     ),
     "view_detail": flag(
         "--view-detail",
-        "Presets of the report: also record the label images of both passes.",
+        "Report presets: also record the label images of both segmentation passes.",
         panel=VIEW,
     ),
 }

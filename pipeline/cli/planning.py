@@ -24,10 +24,10 @@ app = Application("Settings and planning")
 @app.command(epilog=examples("wayside settings --preset report > mine.toml"))
 @takes("preset", "settings", "assignments")
 def settings(
-    every: Annotated[bool, typer.Option("--all", help="Also where each default is from.")] = False,
+    every: Annotated[bool, typer.Option("--all", help="Add the source of each default.")] = False,
     **given: Any,
 ) -> None:
-    """Print the settings: value, unit, default, where it comes from. The output is a settings file."""
+    """Print the settings with value, unit, default and source. The output is a settings file."""
     from wayside.pipeline.files.settings_file import format_settings, load_settings
 
     chosen, origins = load_settings(
@@ -43,16 +43,16 @@ def _length(field: str, default: str | None, words: str) -> Option:
 SURVEY = {
     "spacing": _length("spacing_m", "26.4ft", "Distance between images: 26.4ft, 8m."),
     "focal_px": Option(float, "Focal length, pixels.  [default: 1400]", names=("--focal-px",)),
-    "hfov": Option(float, "Horizontal angle of view, degrees, instead."),
+    "hfov": Option(float, "Horizontal angle of view, degrees, instead of --focal-px."),
     "picture": Option(str, "Size of an image, pixels.", default="1600x1200"),
     "noise_px": Option(
-        float, "Error of a panel's centre in an image, a coordinate.", "noise_px", 0.3
+        float, "Error of a panel's centre in an image, per coordinate.", "noise_px", 0.3
     ),
-    "range_min": _length("range_min_m", "0m", "Signs are not seen nearer than this."),
+    "range_min": _length("range_min_m", "0m", "Signs nearer than this are not seen."),
     "lateral": _length("lateral_m", "3.5m", "Signs stand this far right of the camera."),
     "panel": _length("panel_m", "30in", "Side of a panel."),
     "curve_radius": _length("curve_radius_m", None, "Drive a curve: 250m."),
-    "hill": _length("hill_m", "0m", "Height of hills, 400 m long."),
+    "hill": _length("hill_m", "0m", "Height of hills that are 400 m long."),
     "jitter": Option(float, "Scatter of the camera's pitch, degrees.", "jitter_deg", 0.1),
     "trigger_sigma": _length("trigger_m", "2cm", "Scatter of the spacing."),
     "drop_rate": Option(float, "Fraction of images that are missing.", "drop_rate", 0.0),
@@ -60,9 +60,9 @@ SURVEY = {
     "mount_yaw": Option(float, "Camera turned right, degrees.", "mount_yaw_deg", 0.0),
     "mount_pitch": Option(float, "Camera turned up, degrees.", "mount_pitch_deg", 0.0),
     "pose_sigma": _length(
-        "pose_m", None, "Poses are given, with this error: 2cm. Without it only the spacing is."
+        "pose_m", None, "Error of known poses: 2cm. Without it, only the spacing is known."
     ),
-    "signs": Option(int, "How many signs.", "signs", 200),
+    "signs": Option(int, "Number of signs.", "signs", 200),
     "seed": Option(int, "Seed of the random numbers.", "seed", 1),
 }
 """The options of `wayside simulate` that describe the survey, and the fields of `Survey` that they set."""
@@ -96,14 +96,14 @@ def simulate(
     target: Annotated[
         str | None,
         typer.Option(
-            help="Try spacings and focal lengths around these: which locate 95 % of signs within 10cm?"
+            help="Find spacings and focal lengths that locate 95 % of signs within this: 10cm."
         ),
     ] = None,
-    json: Annotated[Path | None, typer.Option(help="Also write the figures here.")] = None,
+    json: Annotated[Path | None, typer.Option(help="Also write the figures to this file.")] = None,
     overwrite: Overwrite = False,
     **given: Any,
 ) -> None:
-    """Plan a survey: print how accurately signs would be located, or which spacing and focal length a target takes.
+    """Plan a survey: print how accurately signs would be located, or which spacing and focal length reach a target.
 
     Drives are simulated without images: panels and ties are projected with the given errors. The stages of `wayside
     run` locate the panels. The errors are compared with the stated sigmas and the Cramér-Rao bound.
@@ -149,12 +149,12 @@ def simulate(
 @takes("spacing", "camera", "calibration", "assignments")
 def report_figures(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="The log of a drive.")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="Folder of report_figures.html.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for report_figures.html.")],
     labels: Annotated[
         Path | None,
         typer.Option(
             help="Labels of its images; see docs/labels.md.  "
-            "[default: LOG.truth.json, LOG.labels.json or LOG.labels.parquet beside it]"
+            "[default: LOG.truth.json, LOG.labels.json or LOG.labels.parquet next to it]"
         ),
     ] = None,
     boards: Annotated[
@@ -172,7 +172,7 @@ def report_figures(
 
     if (boards is None) != (board is None):
         raise UsageError(
-            "--boards and --board are given together or not at all. A board of 10 x 7 squares is --board 9x6."
+            "--boards and --board must be given together. A board of 10 x 7 squares is --board 9x6."
         )
     tune_process()
     page, figures = write_figures(

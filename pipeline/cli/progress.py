@@ -111,7 +111,7 @@ class FrameProgress(_Shown):
     def __init__(self, label: str, run: "Run") -> None:
         name = visible(label)  # shortened, it leaves room for the counts on a line of 80 columns
         shown = name if len(name) <= _LONGEST_LABEL else f"{name[: _LONGEST_LABEL - 3]}..."
-        counts = "{task.fields[looked_at]} looked at, {task.fields[settled]} of {task.fields[held]} settled"
+        counts = "{task.fields[looked_at]} searched, {task.fields[settled]} of {task.fields[held]} images done"
         fields = {"looked_at": 0, "settled": 0, "held": "?"}
         super().__init__(escape(shown), TextColumn(counts), _TimeLeft(), **fields)
         self._run = run

@@ -24,24 +24,24 @@ from wayside.pipeline.files.visible_text import counted, visible, visible_lines
 from wayside.schemas.errors import PARTS_LOST, InputError, UsageError
 
 app = Application("Its result")
-SignOption = Annotated[str | None, typer.Option("--sign", metavar="ID", help="A sign_id.")]
+SignOption = Annotated[str | None, typer.Option("--sign", metavar="ID", help="ID of a sign.")]
 OverOption = Annotated[
     Path | None,
     typer.Option(
         "--over",
         metavar="LOG",
-        help="Lay a recording without images over those of its log, which is imported once into OUT.",
+        help="Show a recording that has no images over those of its log, which is imported once into OUT.",
     ),
 ]
-FrameOption = Annotated[int | None, typer.Option("--frame", help="A frame of the log.")]
+FrameOption = Annotated[int | None, typer.Option("--frame", help="Number of a frame in the log.")]
 
 
 Format = StrEnum("Format", ["csv", "xlsx", "geojson", "gpkg", "fgb", "shp", "kml", "kmz", "mcap"])
 InventoryTable = StrEnum("InventoryTable", ["panels", "supports", "profile", "posts"])
 HOW_TO_SHOW = {
     "png": flag("--png", "Also write each sheet as an image, to print or send."),
-    "images": flag("--images", "Also all images of the drive, to click missing signs in."),
-    "blur": flag("--blur", "Blur what lies off the panels in all images."),
+    "images": flag("--images", "Also write all images of the drive, to mark missing signs in."),
+    "blur": flag("--blur", "Blur all but the sign panels in all images."),
 }
 
 
@@ -56,11 +56,11 @@ HOW_TO_SHOW = {
 def evidence(
     out: Out,
     sign: Annotated[
-        str | None, typer.Option(metavar="ID", help="Only this sign, without an index.")
+        str | None, typer.Option(metavar="ID", help="Write only this sign, without an index.")
     ] = None,
     log: MovedLog = None,
     folder: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Where the sheets go; default: OUT/evidence.")
+        Path | None, typer.Option("-o", "--out", help="Output folder; default: OUT/evidence.")
     ] = None,
     review: ReviewFiles = None,
     overwrite: Overwrite = False,
@@ -96,8 +96,8 @@ def evidence(
     typer.echo(visible(str(written.sheets[0]) if written.index is None else index))
     if written.lost_views:
         typer.echo(
-            f"wayside: {counted(written.lost_views, 'view has', 'views have')} no image: the log no longer holds it, "
-            "or it does not decode; its place on the sheet is empty",
+            f"wayside: {counted(written.lost_views, 'view has', 'views have')} no image: the log no longer has "
+            "it, or it cannot be decoded; its place on the sheet is empty",
             err=True,
         )
         raise typer.Exit(PARTS_LOST)
@@ -115,14 +115,14 @@ def check(
     ],
     rules: Annotated[
         list[str] | None,
-        typer.Option(help="mutcd, or a TOML file; later rules replace those of the same name."),
+        typer.Option(help="mutcd, or a TOML file. Later rules replace those of the same name."),
     ] = None,
-    only: Annotated[str, typer.Option(help="Only rules whose name begins so.")] = "",
-    road: Annotated[str | None, typer.Option(help="Its kind: rural, urban or freeway.")] = None,
+    only: Annotated[str, typer.Option(help="Check only rules whose name starts with this.")] = "",
+    road: Annotated[str | None, typer.Option(help="Kind of road: rural, urban or freeway.")] = None,
     log: MovedLog = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Compare signs with placement rules: lists those that fail; writes checks.html and checks.parquet into OUT."""
+    """Check signs against placement rules. Lists those that fail; writes checks.html and checks.parquet to OUT."""
     from wayside.pipeline.checking.rules import ROADS, read_rules
     from wayside.pipeline.exporting.table import is_inventory
     from wayside.pipeline.fleet.folders import open_inventory
@@ -132,7 +132,7 @@ def check(
     tune_process()
     asked = [rule for rule in read_rules(rules or ["mutcd"]) if rule.id.startswith(only)]
     if not asked:
-        raise UsageError(f"--only {only}: no rule has a name that begins so")
+        raise UsageError(f"--only {only}: no rule has a name that starts with this")
     if road not in (None, *ROADS):
         raise UsageError(f"--road {road}: the kinds of road are {', '.join(ROADS)}")
     drives = [out]
@@ -207,7 +207,7 @@ def picture(
     size: Annotated[str, typer.Option(help="Width x height, pixels.")] = "1600x1000",
     overwrite: Overwrite = False,
 ) -> None:
-    """Draw the viewer to a PNG without a display, at a sign or a frame."""
+    """Render the viewer to a PNG without a display, at a sign or a frame."""
     from wayside.pipeline.view.results import find_target, save_screenshot
 
     target, pixels = find_target(out, sign, frame), parse_size(size, "--size", 200, 8000)
@@ -218,21 +218,21 @@ def picture(
 HOW_TO_EXPORT = {
     "file": Option(
         Path,
-        "The file to write.  [default: signs.FORMAT in OUT; of an inventory TABLE.FORMAT]",
+        "The file to write.  [default: signs.FORMAT in OUT; for an inventory TABLE.FORMAT]",
         names=("-o", "--out"),
     ),
-    "kind": Option(Format, "Default: by the end of the name.", names=("-f", "--format")),
+    "kind": Option(Format, "Default: by the file extension.", names=("-f", "--format")),
     "table": Option(
         InventoryTable,
-        "Of an inventory panels or supports; of a drive profile or posts.  [default: panels; signs]",
+        "For an inventory: panels or supports; for a drive: profile or posts.  [default: panels; signs]",
     ),
     "crs": Option(
         str, "csv, gpkg, shp: coordinate reference system.  [default: WGS 84]", metavar="EPSG:..."
     ),
-    "log": Option(Path, "mcap, --pictures: where the log lies now, if it has moved."),
-    "all_columns": flag("--all", "All columns; else the twenty that most need."),
-    "pictures": flag("--pictures", "gpkg, kmz: with the best image of each sign."),
-    "accepted": flag("--accepted", "Without the rows that the review rejects."),
+    "log": Option(Path, "mcap, --pictures: where the log is now, if it has moved."),
+    "all_columns": flag("--all", "Write all columns instead of the twenty most useful."),
+    "pictures": flag("--pictures", "gpkg, kmz: include the best image of each sign."),
+    "accepted": flag("--accepted", "Leave out rows that the review rejects."),
 }
 
 
@@ -260,7 +260,7 @@ def export(
     overwrite: Overwrite = False,
     **given: Any,
 ) -> None:
-    """Write the signs for other programs, with corrections beside what was measured."""
+    """Export the signs for other programs, with corrections next to the measured values."""
     from wayside.pipeline.exporting.export import export as write
     from wayside.pipeline.exporting.table import is_inventory
     from wayside.pipeline.reviewing.matching import NO_REVIEW
@@ -312,13 +312,13 @@ def evaluate(
     truth: Annotated[
         Path,
         typer.Option(
-            help="truth.json of a rendered drive, labels.json of a real one, or a review of the evidence index."
+            help="truth.json of a rendered drive, labels.json of a real one, or a review from the evidence index."
         ),
     ],
     json: Annotated[Path | None, typer.Option(help="Also write the figures here.")] = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Compare a result with the truth."""
+    """Compare a result with ground truth."""
     from wayside.pipeline.reviewing.entries import is_review
 
     if is_review(truth):

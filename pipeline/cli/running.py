@@ -35,11 +35,11 @@ app = Application("A drive")
 EXIT_STATUSES = """Exit status:
 
 - 0 done
-- 1 a fault of wayside
+- 1 an internal error
 - 2 wrong arguments or settings
 - 3 the input cannot be used
 - 4 done, but parts of the input were lost
-- 5 the output could not be written, or something stands in its place
+- 5 the output could not be written, or already exists
 - 130 interrupted"""
 """For the help."""
 _GRAVEST = (
@@ -55,7 +55,7 @@ _DETECTORS = ("detector", "detections", "classes", "models")
 
 SELF_CALIBRATE = flag(
     "--self-calibrate",
-    "Calibrate by the drive first, as `wayside calibrate LOG` does: camera.yaml in the output folder.",
+    "Calibrate the camera from the drive first, like `wayside calibrate LOG`. Writes camera.yaml to the output folder.",
     panel=READ,
 )
 
@@ -107,7 +107,7 @@ def run(
     out: Annotated[
         Path,
         typer.Option(
-            "-o", "--out", help="Output folder; with several logs, one folder each in it."
+            "-o", "--out", help="Output folder. With several logs, it gets one folder per log."
         ),
     ],
     observations: Annotated[
@@ -122,7 +122,7 @@ def run(
         bool,
         typer.Option(
             "--resume",
-            help="Keep what is found in each image; go on where the same command was ended.",
+            help="Save the progress of each image. Continue where the same command stopped.",
         ),
     ] = False,
     verbose: Annotated[
@@ -130,12 +130,12 @@ def run(
         typer.Option(
             "-v",
             "--verbose",
-            help="Also say what became of the regions, and the time of each stage.",
+            help="Also print how many regions were kept or rejected, and the time of each stage.",
         ),
     ] = False,
     **given: Any,
 ) -> None:
-    """Find the signs of a drive: LOG to a folder of Parquet tables."""
+    """Find the signs of a drive and write them to a folder of Parquet tables."""
     if resume and (given["view"] is not ViewMode.none or given["connect"] or given["serve"]):
         raise UsageError(
             "--resume does not work with a viewer, which would miss images. Leave one out."
@@ -143,7 +143,7 @@ def run(
     for option in ("milepost", "detections"):
         if given[option] is not None and len(logs) > 1:
             raise UsageError(
-                f"--{option}: {len(logs)} logs are given, but this option holds for one log. Run each with its own."
+                f"--{option}: {len(logs)} logs are given, but this option applies to one log. Run each log by itself."
             )
     settings, viewing = chosen_settings(given), viewing_of(given["view"], given)
     folders = [out if len(logs) == 1 else out / log.stem for log in logs]
@@ -168,14 +168,14 @@ def run(
 )
 def replay(
     log: Log,
-    rate: Annotated[str, typer.Option(help="Times the recorded speed: 1x, 0.5x, or max.")] = "1x",
+    rate: Annotated[str, typer.Option(help="Playback speed: 1x, 0.5x, or max.")] = "1x",
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Also keep the result in this folder.")
+        Path | None, typer.Option("-o", "--out", help="Also write the result to this folder.")
     ] = None,
     overwrite: Overwrite = False,
     **given: Any,
 ) -> None:
-    """Play a log through the whole flow into a live viewer, at the speed it was recorded at."""
+    """Process a log at its recorded speed and show every step in a live viewer."""
     settings, times = chosen_settings(given), parse_rate(rate)
     viewing = viewing_of(ViewMode.live if given["connect"] is None else ViewMode.none, given)
     how = RunOptions(rate=times, kept=out is not None, overwrite=overwrite)
@@ -297,7 +297,7 @@ def _check_places(logs: Sequence[Path], folders: Sequence[Path], *, overwrite: b
     twice = next((folder for folder in folders if list(folders).count(folder) > 1), None)
     if twice is not None:
         raise UsageError(
-            f"two logs are named {twice}, but each result gets a folder of its log's name. Run them one by one."
+            f"two logs are named {twice}, but each result folder is named after its log. Run them one at a time."
         )
     for log, folder in zip(logs, folders, strict=True):
         finish_replacement(folder)
@@ -354,7 +354,7 @@ def process(
             result = run_log(asked, under_way)
     except KeyboardInterrupt as error:
         done = "were" if under_way.result else "were not"
-        more = "; the same command goes on from here" if how.resume and not under_way.result else ""
+        more = "; run it again to continue" if how.resume and not under_way.result else ""
         raise InterruptionError(f"interrupted; this log's tables {done} written{more}") from error
     seen = sys.stdout.isatty()  # a pipe gets each statement as one line
     console = Console(highlight=False, soft_wrap=not seen, width=None if seen else 160)

@@ -54,7 +54,7 @@ def print_summary(
     said = [("note", words) for words in result.notes] + [("lost", part) for part in result.lost]
     said += [("viewer", fault) for fault in result.view_faults]
     if kept and result.recorded is False:
-        said.append(("not written", f"{RECORDING}; the tables are whole"))
+        said.append(("not written", f"{RECORDING}; the tables are complete"))
     for what, words in said:
         console.print(f"[yellow]{what}:[/yellow] {plain(words)}", highlight=False)
     if not kept:
@@ -66,7 +66,7 @@ def print_summary(
         pages = sum(name.startswith("evidence/") for name in result.older)
         named = [name for name in result.older if not name.startswith("evidence/")]
         words = ", ".join([*named, f"evidence ({pages} pages)"] if pages else named)
-        console.print(f"of the earlier result, write them again: {plain(words)}")
+        console.print(f"from an earlier result, write them again: {plain(words)}")
     folder = plain(shlex.quote(str(result.folder)))
     further = [f"wayside view {folder} (every step)"] * bool(result.recorded)
     if rows:

@@ -178,7 +178,7 @@ def _tried(
     except InputError as error:
         return report.Outcome(what, None, str(error), regions)
     margin = " by a standard error" if isinstance(fitted, models.FittedModel) else ""
-    worse = f"on what was held out it is not better than the shipped one{margin}"
+    worse = f"on held-out labels it is not better than the shipped one{margin}"
     return report.Outcome(what, fitted, "" if fitted.better else worse, regions)
 
 

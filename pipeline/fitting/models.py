@@ -200,7 +200,7 @@ def too_few_labels(faces: Sequence[Faces], what: str) -> str:
 
 _FEW_OTHERS = (
     f"{FEWEST_OTHERS} samples that are not signs are needed, and there are {{}}. Mark images as complete (--complete: "
-    "every sign of the labelled images is labelled), or label what is not a sign."
+    "all signs in the labelled images are labelled), or label what is not a sign."
 )
 
 

@@ -31,9 +31,9 @@ NETWORKS = (
 )
 """What cannot be fitted."""
 _CHOSEN = (
-    "no image is complete: what is no sign are marked regions alone, mostly such as a run let pass, of which the "
-    "shipped model accepts more than of all regions and so looks worse than it is; try the result on another drive, "
-    "or label complete images (--complete)"
+    "no image is complete, so only marked regions count as not signs. A run accepted most of these, so the "
+    "shipped model looks worse on them than it is. Try the result on another drive, or label complete images "
+    "(--complete)"
 )
 _CURVES = (
     "Curves show samples that were held out. Grey: 95 % band of the true positive rate over stretches of road. Dot: "

@@ -112,14 +112,14 @@ class ChangeReport:
         words = f"{found}; by {counted(self.drives['before'], 'drive')} before, {self.drives['after']} after"
         if self.blind:
             words += (
-                f"\n{counted(len(self.blind), 'drive')} without a record of what was in view, as of an earlier version "
-                f"or without fixes and milepost: {', '.join(self.blind[:5])}; what only the others saw counts as not "
-                "looked at"
+                f"\n{counted(len(self.blind), 'drive')} without a record of what was in view (from an earlier "
+                "version, or no fixes and milepost): {', '.join(self.blind[:5])}; panels that only other drives "
+                "saw count as not looked at"
             )
         if self.unseen:
             words += (
-                f"\n{counted(len(self.unseen), 'drive')} without images at hand: what stood in front of a place is not "
-                f"known there; the first: {self.unseen[0]}"
+                f"\n{counted(len(self.unseen), 'drive')} without images that can be read: what hid a place from "
+                "them is unknown; the first: {self.unseen[0]}"
             )
         return "\n".join(filter(None, (words, str(self.review))))
 

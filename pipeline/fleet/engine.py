@@ -115,12 +115,12 @@ class ProcessEngine(Engine):
 def _death(code: int | None) -> str:
     """How a process ended, in words, by its exit code."""
     if code == INTERRUPTED:
-        return "its worker was asked to end"
+        return "its worker was told to stop"
     if code is None or code >= 0:
         return f"its worker ended with exit status {code}"
     with suppress(ValueError):
-        return f"its worker was ended by {signal.Signals(-code).name}"
-    return f"its worker was ended by signal {-code}"
+        return f"its worker was killed by {signal.Signals(-code).name}"
+    return f"its worker was killed by signal {-code}"
 
 
 def _serve(run: Run, tasks: Connection) -> None:

@@ -170,11 +170,11 @@ class _Merging:
         for number, (reference, one) in sorted(reference_vectors(found, first_ns).items()):
             self._vector_m[number] = one.vector_m
             self.report.vectors.append(
-                f"{names[number]}: all its panels differ from those of {names[reference]} by {one}; this is taken out"
+                f"{names[number]}: all its panels differ from those of {names[reference]} by {one}; this is removed"
             )
         self.report.vectors += [
             f"{names[b]}: its panels may differ from those of {names[a]} by {one}, but these are rows of equal panels, "
-            "which fit other vectors as well; nothing is taken out"
+            "which fit other offsets as well; nothing is removed"
             for (a, b), one in sorted(found.items())
             if not one.clear
         ]

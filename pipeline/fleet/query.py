@@ -82,7 +82,7 @@ def _prepared(inventory: Path, sql: str) -> Iterator[tuple[duckdb.DuckDBPyConnec
             statements = connection.extract_statements(sql)
             if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
                 raise UsageError(
-                    f"{sql!r} is not one statement that reads. Write one SELECT, FROM, DESCRIBE or SUMMARIZE."
+                    f"{sql!r} is not a single read-only statement. Write one SELECT, FROM, DESCRIBE or SUMMARIZE."
                 )
             asked = set(re.findall(r"\w+", sql.lower()))  # words that may be views
             for view in (name for name in VIEWS if name in asked):
@@ -97,7 +97,7 @@ def _prepared(inventory: Path, sql: str) -> Iterator[tuple[duckdb.DuckDBPyConnec
                     f"{inventory}: there are no {', '.join(lacking)}: {why}"
                 ) from error
             raise UsageError(
-                f"the question cannot be answered: {error}\n"
+                f"the query failed: {error}\n"
                 f'views: {", ".join(VIEWS)}; "DESCRIBE panels" lists the columns of one'
             ) from error
 

@@ -130,7 +130,7 @@ def _listed(file: Path) -> list[str]:
         lines = [line.strip() for line in read_input_text(file).splitlines()]
     except (OSError, ValueError) as error:
         raise UsageError(
-            f"@{file}: the list of logs cannot be read: {error}. Write one log a line."
+            f"@{file}: the list of logs cannot be read: {error}. Write one log per line."
         ) from error
     lines = [re.sub(_QUOTED, r"\2", line).strip() for line in lines]
     entries = [line for line in lines if line and not line.startswith("#")]

@@ -31,11 +31,11 @@ def format_status(inventory: Path) -> str:
     """What `wayside fleet status` prints; raises InputError where the folder is no inventory."""
     running = is_under_way(inventory)
     if running and not (inventory / MANIFEST).exists():
-        return f"{inventory}: a fleet has begun and looks at its logs"
+        return f"{inventory}: a fleet has started and is checking its logs"
     manifest = open_inventory(inventory)
-    told = f"no fleet is under way; the last one ended by {_clock(manifest.updated)}"
+    told = f"no fleet is running; the last one was active until {_clock(manifest.updated)}"
     if running:
-        told = f"a fleet is under way since {_clock(manifest.started)}: {manifest.where}"
+        told = f"a fleet has been running since {_clock(manifest.started)}: {manifest.where}"
     entries = [entry for _, entry in sorted(manifest.logs.items())]
     images, rows = (sum(getattr(entry, name) for entry in entries) for name in ("images", "rows"))
     lines = [
@@ -48,7 +48,7 @@ def format_status(inventory: Path) -> str:
             f"{counted(lost, 'log')} done with parts lost: see `accounting` in their run.json"
         )
     lines.append(f"panels: {_merging(inventory, manifest, running=running)}")
-    lines += _listed("drives off by a vector", list(manifest.vectors))
+    lines += _listed("drives with a constant offset", list(manifest.vectors))
     at_work = [
         f"{e.name}: since {_clock(e.since)}, {LOGS}/{e.name}.txt"
         for e in entries
@@ -61,7 +61,7 @@ def format_status(inventory: Path) -> str:
     ]
     lines += [*_listed("running", at_work), *_listed("in quarantine", held)]
     if held:
-        lines.append(f"what was tried: {QUARANTINE}/NAME/log.txt; once more: --retry")
+        lines.append(f"details: {QUARANTINE}/NAME/log.txt; try again with --retry")
     return "\n".join(lines)
 
 
@@ -86,7 +86,7 @@ def _merging(inventory: Path, manifest: Manifest, *, running: bool) -> str:
     if running and all(entry.state in ENDED for entry in manifest.logs.values()):
         return "being merged now"
     if stand and manifest.merged:
-        return "of earlier results, to be merged anew"
+        return "out of date, not merged again yet"
     return "not merged yet"
 
 

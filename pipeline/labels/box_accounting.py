@@ -54,7 +54,7 @@ class BoxAccounting:
         if names and met and number is not None:
             raise InputError(
                 f"models.detections: two images of the log have the name {names[number]} of "
-                f"{self._file.path}; say the frame of each box (docs/detectors.md)"
+                f"{self._file.path}; give the frame of each box (docs/detectors.md)"
             )
         self._unseen -= {number}
         given = len(boxes_of(self._file, settled.frame))
@@ -94,7 +94,7 @@ class BoxAccounting:
             if name not in EXPECTED
         ]
         if not given:
-            faults.append("no box came in")
+            faults.append("it has no boxes")
         elif left_out.get("other_class", 0) == given:
             faults.append(
                 f"all {given} boxes are of classes that the class map does not name (models.classes)"
@@ -129,7 +129,7 @@ class BoxAccounting:
             f", {count} {reason.replace('_', ' ')}" for reason, count in counts["left_out"].items()
         )
         return (
-            f"{kind} of {self.source['file']}: {counts['given']} boxes came in, {counts['candidates']} are candidates, "
+            f"{kind} of {self.source['file']}: {counts['given']} boxes read, {counts['candidates']} are candidates, "
             f"{counts['of_signs']} are views of signs{left_out}"
         )
 

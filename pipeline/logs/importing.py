@@ -111,7 +111,7 @@ def import_images(
     places = place_images(ordered, how.positions, how.routes)
     if how.spacing_m is None and len(places) < 2:
         raise UsageError(
-            "nothing tells how far the images are apart: give --spacing 26.4ft, or --positions FILE (GPX or CSV)."
+            "it is unknown how far apart the images are: give --spacing 26.4ft, or --positions FILE (GPX or CSV)."
         )
     dates = [image.exif.taken for image in ordered if image.exif.taken is not None]
     begin = how.date or min(dates, key=_utc_ns, default=None)
@@ -190,8 +190,8 @@ def _warnings(files: list[Path], counts: list[int], copies: dict[Path, Path]) ->
     originals = [file for file in files if file not in copies]
     if len(files) > 1 and counted(originals) is None and counted(files) is None:
         yield (
-            "the numbers in the names do not rise evenly: images are taken to be one spacing apart, and missing ones "
-            "are not noticed"
+            "the numbers in the names do not rise evenly: images are assumed to be one spacing apart, and "
+            "missing ones go unnoticed"
         )
     back = [
         f"{after.name} behind {before.name}"
@@ -204,8 +204,8 @@ def _warnings(files: list[Path], counts: list[int], copies: dict[Path, Path]) ->
     places = [f"{missing} after {before.name}" for missing, before in gaps if missing > 0]
     if places:
         yield (
-            f"missing numbers: {sum(max(missing, 0) for missing, _ in gaps)} ({listed(places)}); the distance across "
-            "a gap is taken to be longer by one spacing for each"
+            f"missing numbers: {sum(max(missing, 0) for missing, _ in gaps)} ({listed(places)}); each adds one "
+            "spacing to the distance across its gap"
         )
 
 
@@ -232,7 +232,7 @@ def _message(image: ImageFile) -> CompressedImage:
         data = read_input(image.path)
     except OSError as error:
         raise InputError(
-            f"{image.path}: it could be read before, and now: {error.strerror or error}; check the file"
+            f"{image.path}: it could be read before, but not now: {error.strerror or error}; check the file"
         ) from error
     return CompressedImage(data=data, format=image.header.encoding, frame_id=_CAMERA_FRAME)
 

@@ -131,8 +131,8 @@ def _camera_lines(camera: Mapping[str, Any]) -> list[str]:
     if camera["motion"]:
         lines.append(f"  motion from {camera['motion']}")
     lines += [f"  note: {note}" for note in camera["notes"]]
-    lines += [f"  not as it is: {hindrance}" for hindrance in camera["hindrances"]]
-    lead = "with what is missing" if camera["hindrances"] else "can be used"
+    lines += [f"  cannot be used yet: {hindrance}" for hindrance in camera["hindrances"]]
+    lead = "add what is missing" if camera["hindrances"] else "can be used"
     return [*lines, *[f"  {lead}: {camera['command']}"] * (camera["command"] is not None)]
 
 
@@ -207,7 +207,7 @@ def _damage(facts: Mapping[str, Any]) -> list[str]:
         more = count - len(shown)
         tail = [f"  and {more} more"] if more > 0 else []
         where = counted(count, "place")
-        lines = [f"damaged in {where}; what is whole can be used:", *shown, *tail]
+        lines = [f"damaged in {where}; the rest can be used:", *shown, *tail]
     stated, found = facts["messages_stated"], facts["messages"]
     if stated is not None and stated > found:
         lines.append(f"{stated - found} of the {stated} messages that its summary counts are lost")

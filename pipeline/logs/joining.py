@@ -92,11 +92,11 @@ def readable_log(path: Path, tell: Callable[[str], None]) -> Path:
     if log is None:
         return path
     if log.is_file():
-        tell(f"{path}: read from {log}, which was made of it before")
+        tell(f"{path}: read from {log}, which was made from it earlier")
         return log
     tell(
-        f"{path}: joined first to {log}, which later commands read, too; "
-        f"`wayside join {path} -o drive.mcap` puts it where you want it"
+        f"{path}: joined to {log} first, which later commands use again; `wayside join {path} -o drive.mcap` "
+        "writes it where you want"
     )
     try:
         log.parent.mkdir(parents=True, exist_ok=True)
@@ -156,8 +156,8 @@ def _as_mcap(path: Path, scratch: Path) -> list[Path]:
 
 def _no_part(path: Path, found: str) -> InputError:
     return InputError(
-        f"{path}: this is not an MCAP file, a ROS 2 bag directory or a ROS 1 bag{found}. Of a ROS 2 bag, give the "
-        "directory."
+        f"{path}: this is not an MCAP file, a ROS 2 bag directory or a ROS 1 bag{found}. For a ROS 2 bag, give "
+        "the directory."
     )
 
 

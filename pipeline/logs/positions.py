@@ -53,7 +53,7 @@ def place_images(
     if track:
         places |= _along(track, images, file)
     if not places:
-        raise InputError(f"{file}: the positions are of none of these {len(images)} images.")
+        raise InputError(f"{file}: the positions match none of these {len(images)} images.")
     return places
 
 
@@ -74,7 +74,7 @@ def _table(file: Path, routes: RouteSettings) -> _Positions:
     if "milepost" in names:
         lines = open_routes(routes)
         if lines is None:
-            raise UsageError(f"{file}: mileposts become positions by lines: give --routes FILE.")
+            raise UsageError(f"{file}: mileposts need route lines: give --routes FILE.")
         level = lines.places([(row["route"], float(row["milepost"])) for row in rows])
     else:
         level = [(float(row["lat"]), float(row["lon"])) for row in rows]

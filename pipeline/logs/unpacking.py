@@ -41,8 +41,8 @@ def unpack_video(
             for number, frame in enumerate(container.decode(stream)):
                 if frame.rotation:
                     raise InputError(
-                        f"{video}: its pictures are to be shown turned. Turn them first (ffmpeg -i {video.name} "
-                        "turned.mp4), and calibrate the camera as they are then."
+                        f"{video}: its images are marked as rotated. Rotate them first (ffmpeg -i {video.name} "
+                        "turned.mp4), and calibrate the camera with the rotated images."
                     )
                 if number % every == 0:
                     taken = date and date + timedelta(seconds=float(frame.time or 0))

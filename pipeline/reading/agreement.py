@@ -98,7 +98,7 @@ def believed(
     for stream in streams:
         if lag_s := _lag_s(stream.raw, steps, order, time_ns):
             notes.append(
-                f"the {stream.words} are left out: they turn as the images do, but {abs(lag_s):.1f} s "
+                f"the {stream.words} are left out: they turn like the images, but {abs(lag_s):.1f} s "
                 f"{'later' if lag_s > 0 else 'earlier'}; correct their times"
             )
             continue
@@ -115,7 +115,7 @@ def believed(
         like = [one for one in converted if one.found.error_deg < least]
         level = [one for one in like if one.up == "z"] or like
         if len(level) == 1:
-            notes.append(f"the {stream.words} are {level[0].words}: they are used so")
+            notes.append(f"the {stream.words} are {level[0].words}: they are used as such")
             return replace(stream, path=level[0].path)
         notes.append(_left_out_words(stream, found, len(level)))
     return None

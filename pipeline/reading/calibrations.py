@@ -146,26 +146,26 @@ def make_camera(size: Size, k: Matrix, model: str, d: Matrix) -> Camera:
         raise ContentError("it has no focal length (not calibrated)")
     width, height = size
     if min(size) <= 0 or width * height > _LARGEST_IMAGE_PX:
-        raise ContentError(f"its image size {width} x {height} makes no sense")
+        raise ContentError(f"its image size {width} x {height} is not plausible")
     fault = next(_matrix_faults(size, k), "")
     name = re.sub(r"[\s-]+", "_", model.strip().lower())
     if fault:
         raise ContentError(fault)
     if name not in _BROWN_LENSES and not (name in _PINHOLES and not any(d)):
         raise ContentError(
-            f"its lens model {model} is not understood; plumb_bob and rational_polynomial are. {OTHER_LENSES}"
+            f"its lens model {model} is not supported; plumb_bob and rational_polynomial are. {OTHER_LENSES}"
         )
     if not any(d):
         d = ()
     if len(d) not in _COEFFICIENTS:
         raise ContentError(
-            f"its lens has {len(d)} coefficients; 0, 4, 5, 8, 12 or 14 are understood"
+            f"its lens has {len(d)} coefficients; 0, 4, 5, 8, 12 or 14 are supported"
         )
     camera = Camera(width, height, k[0], k[4], k[2], k[5], d)
     if d and not _is_lens(camera):
         raise ContentError(
-            f"its distortion {', '.join(f'{one:g}' for one in d)} belongs to no lens: points of the image have no "
-            "direction, or several"
+            f"its distortion {', '.join(f'{one:g}' for one in d)} is that of no lens: points of the image have "
+            "no direction, or several"
         )
     return camera
 
@@ -178,10 +178,10 @@ def _matrix_faults(size: Size, k: Matrix) -> Iterator[str]:
         if not -length <= centre <= 2 * length:
             yield f"its centre {centre:g} px lies far outside of the image of {length} px"
     if max(k[0] / k[4], k[4] / k[0]) > _MOST_OBLONG:
-        yield f"its focal lengths {k[0]:g} and {k[4]:g} px differ as those of no camera do"
+        yield f"its focal lengths {k[0]:g} and {k[4]:g} px differ more than those of any camera"
     if abs(k[1]) > _ROUNDING * k[0]:
         yield (
-            f"its camera matrix has skew ({k[1]:g} px), which no point here is corrected for; "
+            f"its camera matrix has skew ({k[1]:g} px), which is not corrected here; "
             "calibrate with skew fixed at 0"
         )
     if max(abs(k[3]), abs(k[6]), abs(k[7])) > _ROUNDING * k[0] or abs(k[8] - 1) > _ROUNDING:
@@ -295,7 +295,7 @@ def _kalibr(content: Any) -> Camera:
     model, numbers = str(content["camera_model"]), _numbers(content["intrinsics"])
     if model != "pinhole" or len(numbers) != 4:
         raise ContentError(
-            f"its camera model {model} with {len(numbers)} numbers is not understood; pinhole with 4 is"
+            f"its camera model {model} with {len(numbers)} numbers is not supported; pinhole with 4 is"
         )
     fu, fv, pu, pv = numbers
     width, height = _numbers(content["resolution"])

@@ -112,7 +112,7 @@ def _sequence_set(bits: "_Bits") -> SequenceSet:
         left, right, top, bottom = (bits.unsigned() for _ in range(4))
         width, height = width - across * (left + right), height - down * (top + bottom)
     if modulus > 1 << 16 or not (0 < width <= 1 << 16 and 0 < height <= 1 << 16):
-        raise ValueError("a sequence set that makes no sense")
+        raise ValueError("an invalid sequence parameter set")
     return SequenceSet(width, height, modulus, gaps, separate)
 
 
@@ -135,7 +135,7 @@ class _Bits:
         """The next bits as a number; raises ValueError where the unit has none."""
         self._left -= count
         if self._left < 0:
-            raise ValueError("a unit of the video that ends in its header")
+            raise ValueError("a unit of the video that is cut off in its header")
         return self._value >> self._left & ((1 << count) - 1)
 
     def unsigned(self) -> int:
@@ -144,5 +144,5 @@ class _Bits:
         while not self.take(1):
             zeros += 1
             if zeros > 31:
-                raise ValueError("a number of the video without an end")
+                raise ValueError("a number in the video that is cut off")
         return (1 << zeros) - 1 + self.take(zeros)

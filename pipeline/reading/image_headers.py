@@ -172,7 +172,7 @@ def image_fault(image: ImageContent) -> str:
     if image.encoding == H264 or width * height > _LARGEST_TRIED_PX:
         return ""
     if not width:
-        return f"its format {encoding!r} is not understood, or its header is damaged"
+        return f"its format {encoding!r} is not supported, or its header is damaged"
     one = frame_of(image)
     status, _ = decode_pixels(one)
     if status != USED and image.width and read_image_header(image.data) is None:

@@ -72,11 +72,11 @@ def _unpacker(channel: Channel, type_name: str) -> _Unpack:
     if channel.encoding == "cdr":
         store = _typestore()
         if type_name not in store.fielddefs:
-            raise ContentError(f"type {type_name} is not understood in CDR")
+            raise ContentError(f"type {type_name} is not supported in CDR")
         return lambda content: store.deserialize_cdr(content, type_name)
     if channel.encoding != "protobuf":
         raise ContentError(
-            f"encoding {channel.encoding!r} is not understood; protobuf, cdr and json are"
+            f"encoding {channel.encoding!r} is not supported; protobuf, cdr and json are"
         )
     schema = channel.schema
     if schema is None:
@@ -111,7 +111,7 @@ def compressed_image(message: Any, data: memoryview) -> list[ImageContent]:
 def compressed_video(message: Any, data: memoryview) -> list[ImageContent]:
     """One picture of an H.264 stream; raises ContentError where the video is of another format."""
     if message.format.lower() != H264:
-        raise ContentError(f"it is video of the format {message.format!r}; h264 is understood")
+        raise ContentError(f"it is video of the format {message.format!r}; h264 is supported")
     return [ImageContent(*_head(message), H264, data)]
 
 

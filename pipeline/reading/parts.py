@@ -128,9 +128,9 @@ class ScanReport:
         if self.unchecked_messages:
             some = f"{self.unchecked_messages} of {self.messages} messages have"
             what = "the log has" if self.unchecked_messages == self.messages else some
-            notes.append(f"{what} no checksum: damage inside of messages would not show")
+            notes.append(f"{what} no checksum: damage inside messages would go unnoticed")
         if self.unknown_records:
-            notes.append(f"{self.unknown_records} records of unknown kinds were passed over")
+            notes.append(f"{self.unknown_records} records of unknown kinds were skipped")
         return notes
 
     def add_problem(self, offset: int, what: str) -> None:

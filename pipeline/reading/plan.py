@@ -106,7 +106,7 @@ def make_plan(survey: LogSurvey, settings: ReadSettings, given: Camera | None) -
     if not posed and fixes is None and not spacing_m:
         found = "; ".join([_listing(survey), *_without_value(survey)])
         raise InputError(
-            f"{survey.path}: nothing places the signs: the log has no poses, odometry or satellite fixes, and the "
+            f"{survey.path}: signs cannot be located: the log has no poses, odometry or satellite fixes, and the "
             f"distance between images is unknown. It holds {found}. Give the distance, as in --spacing 26.4ft."
         )
     notes = (*_image_notes(camera, chosen[1]), *_without_value(survey))

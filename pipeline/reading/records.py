@@ -175,7 +175,7 @@ class _Scanner:
             self.report.add_problem(
                 whole,
                 "the log ends without its end mark: the recording was cut off "
-                f"{self.size - whole} bytes behind its last whole record",
+                f"{self.size - whole} bytes after its last complete record",
             )
         for channel_id, (start, count) in self.undefined.items():
             self.report.add_problem(
@@ -204,8 +204,8 @@ class _Scanner:
         if behind < self.size:
             self.report.add_problem(
                 behind,
-                f"{self.size - behind} bytes lost: they lie behind the end mark of the log; if they are another log, "
-                "part the file there and use `wayside join`",
+                f"{self.size - behind} bytes lost: they are after the end mark of the log; if they are another "
+                "log, split the file there and use `wayside join`",
             )
 
     def content(self, head: RecordHead) -> Iterator[Content]:
@@ -230,7 +230,7 @@ class _Scanner:
             else:
                 self._define(record)
         else:
-            raise LayoutError("records of its kind have no place among messages")
+            raise LayoutError("records of its kind do not belong among messages")
 
     def _chunk(self, chunk: Chunk, start: int) -> Iterator[Message]:
         self.chunked = True

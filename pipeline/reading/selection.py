@@ -87,7 +87,7 @@ class Selection:
             places = [f"{count} after {label}" for count, label in self.gaps]
             yield (
                 f"missing numbers among the images: {sum(count for count, _ in self.gaps)} "
-                f"({listed(places, _MOST_LISTED)}); the step across a gap is longer by one spacing for each"
+                f"({listed(places, _MOST_LISTED)}); each adds one spacing to the step across its gap"
             )
 
     def _is_copy(self, frame: Frame, number: int) -> bool:
@@ -149,6 +149,6 @@ class Selection:
 def describe_duplicates(labels: Sequence[str]) -> str:
     """A note on images of the status `duplicate`, by their names or frames."""
     return (
-        f"duplicate images: {len(labels)} ({listed(labels, _MOST_LISTED)}); they are copies of an earlier one or show "
-        "no motion since the last used one, take no part, and add nothing to the distance travelled"
+        f"duplicate images: {len(labels)} ({listed(labels, _MOST_LISTED)}); they are copies of an earlier one "
+        "or show no motion since the last used one, and add nothing to the distance travelled"
     )

@@ -88,7 +88,7 @@ def make_timeline(plan: Plan) -> Timeline:
         )
     if row := clock_set_at(times.capture_ns):
         raise InputError(
-            f"{plan.survey.path}: the clock was set back during the recording, or its parts stand in a wrong order. "
+            f"{plan.survey.path}: the clock was set back during the recording, or its parts are in the wrong order. "
             f"Image {row} of {shortened(plan.camera.name)} is {_seconds(int(np.diff(times.capture_ns)[row - 1]))} "
             "earlier than the one before it. Cut the log there and run each part, or sort it by time (mcap sort)."
         )
@@ -104,14 +104,14 @@ def make_timeline(plan: Plan) -> Timeline:
         motion, steps, notes = believed_motion(streams, found, order, times.capture_ns)
         if looks_aside(steps):
             raise InputError(
-                f"{plan.survey.path}: the camera {shortened(plan.camera.name)} looks across its way; signs are found "
-                "by a camera that looks ahead: choose another with --camera"
+                f"{plan.survey.path}: the camera {shortened(plan.camera.name)} looks sideways; signs are found "
+                "with a camera that looks ahead: choose another with --camera"
             )
         timeline.motion = motion
         timeline.notes += notes
     if timeline.motion is None and timeline.fixes is None and not plan.spacing_m:
         raise InputError(
-            f"{plan.survey.path}: nothing tells how far the camera moved: {'; '.join(timeline.notes)}; "
+            f"{plan.survey.path}: it is unknown how far the camera moved: {'; '.join(timeline.notes)}; "
             "give the distance between images, as in --spacing 26.4ft"
         )
     return timeline
@@ -228,7 +228,7 @@ def _at_images(
     paired = pair_times(timeline.times, times, own_clock=earth)
     notes = timeline.notes
     if paired is None:
-        notes.append(f"no clock is common to the images and the {words}: these are left out")
+        notes.append(f"the images and the {words} share no clock: the {words} are left out")
         return None
     if times.off:
         notes.append(_off_words(times, words))
@@ -250,7 +250,7 @@ def _at_images(
     places = samples.value[:, :3]
     kept = possible(samples.time_ns, metres(places) if earth else places)
     if wrong := int((~kept).sum()):
-        notes.append(f"{wrong} of {len(kept)} {words} are where no vehicle can be: left out")
+        notes.append(f"{wrong} of {len(kept)} {words} are at impossible places: left out")
     return interpolate(samples.kept(kept), paired.images_ns)
 
 
@@ -275,6 +275,6 @@ def _fixes(plan: Plan, timeline: Timeline) -> Interpolated | None:
     positions = plan.survey.positions[plan.fixes.name, ""]
     found = _at_images(positions, words, timeline, earth=True)
     if found is not None and found.known.sum() == 1:
-        timeline.notes.append(f"the {words} are left out: one image alone has one near its time")
+        timeline.notes.append(f"the {words} are left out: only one image has one near its time")
         return None
     return found

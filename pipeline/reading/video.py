@@ -114,7 +114,7 @@ class CameraImages:
         if self.without_key:
             yield (
                 f"images of the video without a key frame before them, or behind a missing one: {self.without_key} "
-                f"(status {NO_KEY_FRAME}); they take no part"
+                f"(status {NO_KEY_FRAME}); they are not used"
             )
         if self.both_ways:
             yield (
@@ -183,7 +183,7 @@ def image_messages(
         place = row - int(first)
         if place >= len(found) or found[place].log_time_ns != index.log_ns[row]:
             raise InputError(
-                f"{survey.path}: the log changed while it was read; run it again once it is written"
+                f"{survey.path}: the log changed while it was read; run again once it is complete"
             )
         yield row, found[place]
         wanted[offset] -= 1
@@ -192,7 +192,7 @@ def image_messages(
     if log_parts(survey.path).size > report.bytes_total:
         report.add_problem(
             report.bytes_total,
-            "the log grew while it was read: what stood there before is used; run it again once it is written",
+            "the log grew while it was read: what was there before is used; run again once it is complete",
         )
 
 

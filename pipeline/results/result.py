@@ -27,8 +27,8 @@ RUN_FILE = "run.json"
 TABLES = (SIGNS.file, OBSERVATIONS.file, FRAMES.file)
 _END_BYTES = 1 << 20
 _OLDER = (
-    '<p role="alert" style="border: 3px solid var(--accent); padding: 8px">This page is of an earlier result. Run '
-    "<code>wayside evidence</code> again; a review that is saved here is carried over.</p>"
+    '<p role="alert" style="border: 3px solid var(--accent); padding: 8px">This page is from an earlier result. Run '
+    "<code>wayside evidence</code> again; a review saved here is carried over.</p>"
 )
 _KINDS: dict[str, type | UnionType] = {
     "log": str,

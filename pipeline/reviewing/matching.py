@@ -68,7 +68,7 @@ class Review:
         """What became of reviews of earlier results and of several people, in words."""
         carried = f"{self.carried} carried over from an earlier result"
         if self.gone:
-            carried += f", which has {self.gone} rejected here no more"
+            carried += f"; {self.gone} rejected there no longer exist here"
         words = "; ".join(one.words for one in self.undecided[:_LISTED])
         words += "; ..." if len(self.undecided) > _LISTED else ""
         waiting = f"{len(self.undecided)} to decide on the page of `wayside evidence`: {words}"
@@ -132,8 +132,8 @@ class _Settling:
             known = any(found[one.sign_id] for one in some if one.sign_id)
             if not known and any(one.sign_id for one in some) and not _same_drive(some, self.known):
                 raise InputError(
-                    "the review is of another run, and nothing in it is found in this result: it is of another drive, "
-                    "or states no places. Review the evidence of this result."
+                    "the review is of another run, and nothing in it is found in this result: it is from "
+                    "another drive, or has no positions. Review the evidence of this result."
                 )
             for one in some:
                 self._carry(number, one, found[one.sign_id or (one.x, one.y)])

@@ -35,7 +35,7 @@ def required_review(out: Path, given: Sequence[Path] = ()) -> Review:
     review = find_review(out, given)
     if review == NO_REVIEW:
         raise UsageError(
-            f"{out}: there are no corrections to make labels of: no review.json or review.csv. Save them in its "
+            f"{out}: there are no corrections to make labels from: no review.json or review.csv. Save them in its "
             "evidence index, or name the file with --review of `wayside label`."
         )
     return review

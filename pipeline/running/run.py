@@ -303,7 +303,7 @@ class _Task:
         notes = route_notes(settings.route, routes, on_globe=on_globe)
         if drive.lens is not None and drive.lens.refutes_given:
             told = describe_calibration(drive.lens, self.run.report.calibration_source)
-            notes.append(f"{told}; --self-calibrate uses these values, but a board tells more")
+            notes.append(f"{told}; --self-calibrate uses these values, but a board is better")
         notes += system_notes(drive.signs, settings.codes.settled)
         return notes + ([describe_duplicates(self.duplicates)] if self.duplicates else [])
 

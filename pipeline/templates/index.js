@@ -257,7 +257,7 @@ function addAt(value, right) {
     const a = about.cameras[n], dx = b.x - a.x, dy = b.y - a.y, length = Math.hypot(dx, dy), part = (value - of(a)) / (of(b) - of(a));
     return { a, dx, dy, length, part, beyond: Math.max(-part, part - 1, 0) * length };
   }).filter(one => one.beyond < 100);  // of what the last image shows, too
-  if (!steps.length) throw new Error("the drive does not pass it");
+  if (!steps.length) throw new Error("the drive does not pass this place");
   const { a, dx, dy, length, part } = steps.reduce((one, other) => other.beyond < one.beyond ? other : one), away = right * unit / length;
   add(a.x + part * dx + away * dy, a.y + part * dy - away * dx);
 }
@@ -307,7 +307,7 @@ function openImages() {
   at("images").hidden = false;
   if (typeof waysideImages !== "undefined") return showImage(0);
   return new Promise(done => {
-    const onload = () => done(showImage(0)), onerror = () => done(at("shown").textContent = "images.js is not beside this page");
+    const onload = () => done(showImage(0)), onerror = () => done(at("shown").textContent = "images.js is not next to this page");
     document.body.append(made("script", { src: "images.js", onload, onerror }));
   });
 }
@@ -339,7 +339,7 @@ const asJson = () => JSON.stringify({ wayside_review: 1, log: about.log, result:
 function read(name, text) {
   const whole = JSON.parse(text), results = [whole.result, ...whole.reviews.map(one => one.result)].filter(Boolean);
   if (results.length && !results.includes(about.result)) {
-    throw new Error("it is of another result; put it into the folder of this one and run `wayside evidence` again");
+    throw new Error("it is from another result; save it to the folder of this one and run `wayside evidence` again");
   }
   take(whole);
   at("reviewer").value = whole.reviewer || at("reviewer").value;

@@ -65,14 +65,14 @@ class Recorder:
         except Full:
             self.dropped += 1
             if self._patience_s > 0:
-                self.fault = f"took nothing for {self._patience_s:g} s"
+                self.fault = f"accepted no data for {self._patience_s:g} s"
 
     def close(self) -> None:
         """Wait until all is written, but not for ever."""
         try:
             self._queue.put(None, timeout=CLOSING_S)
         except Full:
-            self.fault = self.fault or f"took nothing for {CLOSING_S:g} s"
+            self.fault = self.fault or f"accepted no data for {CLOSING_S:g} s"
             return
         self._thread.join(CLOSING_S)
         if self._thread.is_alive():
@@ -173,7 +173,7 @@ class RerunObserver:
         try:
             work()
         except Exception as fault:
-            self._fault = f"no more was recorded after {type(fault).__name__}: {fault}"
+            self._fault = f"recording stopped after {type(fault).__name__}: {fault}"
             self._waiting.clear()
             self._held_images.clear()
 

@@ -144,8 +144,8 @@ def describe_calibration(found: DriveCalibration, source: str) -> str:
     )
     if source and found.refutes_given:
         return (
-            f"the calibration ({source}) cannot be right, and positions are wrong with it: the motion in the images "
-            f"asks for {told}, which moves points by up to {100 * found.displacement:.0f} % of their distance from "
+            f"the calibration ({source}) cannot be right, so positions are wrong: the motion in the images fits "
+            f"{told}, which moves points by up to {100 * found.displacement:.0f} % of their distance from "
             "the principal point"
         )
     if not found.is_determined:

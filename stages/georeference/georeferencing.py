@@ -74,7 +74,7 @@ def georeference(points: Iterator[PathPoint], motion: MotionSettings) -> Iterato
     globe, notes = _on_globe(path, chain, _stacked(poses), tilt, roll, motion)
     if globe is None:
         raise InputError(
-            f"{notes[0]}; nothing else tells how far the camera moved: give the distance between images "
+            f"{notes[0]}; it is unknown how far the camera moved: give the distance between images "
             "(--spacing 26.4ft)"
         )
     yield _smoothed_path(path, "enu", chain, globe.trajectory, globe, notes)

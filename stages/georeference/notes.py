@@ -56,7 +56,7 @@ def notes_on_spacing(points: Sequence[PathPoint]) -> tuple[str, ...]:
     return (
         f"the distance between images is not constant. In {len(followed)} of {len(points) - 1} steps, the first to "
         f"frame {followed[0].frame}, points in the images give it: {min(lengths):.2f} m to {max(lengths):.2f} m. The "
-        "spacing only gives their mean, so positions and sizes share an error of scale",
+        "spacing only gives their mean, so positions and sizes share a scale error",
     )
 
 
@@ -64,8 +64,8 @@ def _time_offset(chain: RelativeMotionChain, found: Trajectory, what: str) -> st
     offset = found.time_offset_s
     if found.impossible_offset_s:
         return (
-            f"the {what} seem to be {abs(found.impossible_offset_s):.1f} s off the images, more than any recorder is "
-            "late: not corrected"
+            f"the {what} seem to be {abs(found.impossible_offset_s):.1f} s off from the images, more than any "
+            "recorder delays: not corrected"
         )
     if not offset:
         return ""

@@ -158,14 +158,14 @@ def raw_samples(frame: Frame) -> NDArray[np.uint8 | np.uint16]:
     deep = _DEEP.fullmatch(name)
     if (known := _RAW_CHANNELS.get(f"{deep[1]}8" if deep else name)) is None:
         raise ValueError(
-            f"its encoding {frame.encoding!r} is not understood. Known are rgb8, bgr8, rgba8, bgra8, mono8 and "
+            f"its encoding {frame.encoding!r} is not supported. Known are rgb8, bgr8, rgba8, bgra8, mono8 and "
             "bayer_* (also with 16 bits), uyvy, yuyv, nv12 and nv21"
         )
     data = np.frombuffer(frame.data, np.uint8)
     used = width * known[0] * (2 if deep else 1)
     step, rows = frame.step or used, height * 3 // 2 if name in _PLANAR else height
     if width <= 0 or height <= 0 or (name in _PLANAR and (width % 2 or height % 2)):
-        raise ValueError(f"its size of {width} x {height} pixels makes no sense in {name}")
+        raise ValueError(f"its size of {width} x {height} pixels is not possible in {name}")
     if step < used:
         raise ValueError(
             f"its step is {step} bytes, and a row of {width} pixels in {name} has {used}"

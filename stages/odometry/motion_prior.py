@@ -118,7 +118,7 @@ def predict_motion(
         source = "speed"
     else:
         raise InputError(
-            f"frame {now.index}: there is no pose, spacing or fix that states the distance from the image before it. "
+            f"frame {now.index}: no pose, spacing or fix gives the distance from the image before it. "
             "Give the distance between images (--spacing 26.4ft)."
         )
     length_m = max(baseline, SHORTEST_M)

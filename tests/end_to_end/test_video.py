@@ -153,7 +153,7 @@ def test_behind_a_missing_picture_nothing_is_shown_up_to_the_next_key_frame(tmp_
     ("options", "more", "words"),
     [
         ({"bf": "2", "g": "12", "b-adapt": "0"}, {}, "bframes=0"),
-        (WITHOUT_B, {"kind": "h265"}, r"video of the format 'h265'; h264 is understood"),
+        (WITHOUT_B, {"kind": "h265"}, r"video of the format 'h265'; h264 is supported"),
     ],
 )
 def test_a_video_that_is_not_understood_is_refused_with_the_reason(tmp_path, options, more, words):

@@ -741,7 +741,7 @@ def test_a_run_notes_its_log_and_makes_pages_of_an_earlier_result_say_so(
     assert run_log(asked).older == ()  # the same signs
     change_run(out, files={SIGNS.file: {"sha256": "0" * 64}})
     assert run_log(asked).older == ("signs.csv", "evidence/index.html")
-    assert "of an earlier result" in written.index.read_text("utf-8")
+    assert "from an earlier result" in written.index.read_text("utf-8")
     write_evidence(out, out / "evidence")
     assert "of an earlier result" not in written.index.read_text("utf-8")
 

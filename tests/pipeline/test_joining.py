@@ -138,7 +138,7 @@ def test_other_bags_are_joined_once_into_the_cache_and_told(tmp_path, monkeypatc
     made = log.stat().st_mtime_ns
     assert readable_log(bag, told.append) == log
     assert log.stat().st_mtime_ns == made
-    assert "made of it before" in told[1]
+    assert "made from it earlier" in told[1]
 
 
 def test_a_bag_of_mcap_is_no_copy_and_has_the_fingerprint_of_its_part(tmp_path):

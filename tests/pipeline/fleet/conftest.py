@@ -85,7 +85,7 @@ class InProcess:
 
     def result(self, future):
         if isinstance(error := future.exception(), Died):
-            raise WorkerDeathError(f"its worker was ended by {error}")
+            raise WorkerDeathError(f"its worker was killed by {error}")
         return future.result()
 
     def __enter__(self):

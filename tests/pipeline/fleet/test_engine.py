@@ -28,8 +28,8 @@ def outcome(engine, future):
 def test_a_dead_worker_takes_only_its_own_task_along_and_is_replaced():
     with ProcessEngine(signal.raise_signal, jobs=2) as engine:
         assert engine.places() == 2
-        assert ended(engine, signal.SIGKILL, 0) == ["its worker was ended by SIGKILL", None]
-        assert ended(engine, 0, signal.SIGTERM) == [None, "its worker was asked to end"]
+        assert ended(engine, signal.SIGKILL, 0) == ["its worker was killed by SIGKILL", None]
+        assert ended(engine, 0, signal.SIGTERM) == [None, "its worker was told to stop"]
         with pytest.raises((OSError, ValueError)):  # no such signal: what a task raises comes here
             ended(engine, 0, -1)
 

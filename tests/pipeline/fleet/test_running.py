@@ -206,7 +206,7 @@ def test_status_says_what_each_log_and_the_fleet_is_at(fleet, tmp_path):
     assert "panels: not merged yet" in format_status(seen_inventory)
     with locked_inventory(seen_inventory):
         told = format_status(seen_inventory)
-        assert "a fleet is under way" in told
+        assert "a fleet has been running since" in told
         assert "panels: being merged now" in told
     again = replace(manifest.logs["b"], key="of another run")
     write_manifest(seen_inventory, manifest.with_entries([again]))

@@ -42,7 +42,7 @@ def test_the_calibration_of_another_camera_is_refused_by_frame_or_name(new_log, 
     with pytest.raises(InputError, match=r"is of another camera.*right.*--calibration camera.yaml"):
         first_camera(path, "/left/image")
     text = format_log(inspect_log(path))
-    assert "not as it is: there is no calibration of /left/image" in text
+    assert "cannot be used yet: there is no calibration of /left/image" in text
 
 
 @pytest.mark.parametrize(
@@ -180,9 +180,9 @@ NO_LENS += [(0, 0, 1000.0, 0, 0), (0, 0, 0, -3.0), (0.1, 0, 0, 0, 0, -3.0, 0, 0)
 @pytest.mark.parametrize(
     ("k", "model", "coefficients", "why"),
     [
-        *((K, "", d, "belongs to no lens") for d in NO_LENS),
+        *((K, "", d, "is that of no lens") for d in NO_LENS),
         *(
-            (K, model, d, f"lens model {model} is not understood")
+            (K, model, d, f"lens model {model} is not supported")
             for model in ("equidistant", "fisheye", "Kannala_Brandt", "omni")
             for d in ((0.0,) * 4, ())
         ),

@@ -44,14 +44,14 @@ def test_poses_aside_are_left_out_bridged_and_told(new_log, rows, off):
             assert frame.pose.pose.centre[0] == pytest.approx(8.0 * frame.index, abs=1e-6)
     at_an_end = rows[0] in (0, COUNT - 1)
     assert sum(f.pose is not None for f in frames) >= COUNT - at_an_end
-    told = f"{len(rows)} of 24 poses of /pose are where no vehicle can be"
+    told = f"{len(rows)} of 24 poses of /pose are at impossible places"
     assert any(told in note for note in report.notes)
 
 
 def test_poses_of_another_origin_than_most_are_left_out_and_told(new_log):
     frames, report = read(write(new_log, pose=lambda i, p: [p[0] + 5000.0 * (i >= 14), *p[1:]]))
     assert [f.index for f in frames if f.pose is not None] == list(range(14))
-    assert any("10 of 24 poses of /pose are where no vehicle can be" in n for n in report.notes)
+    assert any("10 of 24 poses of /pose are at impossible places" in n for n in report.notes)
 
 
 NOWHERE = (0.0, 0.0, 0.0), (0.0, 0.0, 500.0), (math.nan, 11.0, 500.0)
@@ -83,7 +83,7 @@ def test_a_fix_aside_is_left_out_bridged_and_told(new_log):
     assert [f.fix.latitude_deg for f in frames] == pytest.approx(
         [48.0 + 7e-5 * i for i in range(COUNT)], abs=1e-9
     )
-    assert any("1 of 24 fixes of /gps are where no vehicle can be" in n for n in report.notes)
+    assert any("1 of 24 fixes of /gps are at impossible places" in n for n in report.notes)
 
 
 IMPOSSIBLE = [

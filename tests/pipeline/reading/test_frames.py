@@ -304,7 +304,7 @@ def test_a_log_whose_first_image_is_to_be_shown_turned_is_refused(new_log, diale
     with pytest.raises(InputError, match=r"first image of /camera/image: .* turned by 180 degrees"):
         read(path, spacing_m=8.0)
     text = format_log(inspect_log(path))
-    assert "not as it is: the first image of /camera/image: its Exif orientation" in text
+    assert "cannot be used yet: the first image of /camera/image: its Exif orientation" in text
     assert "can be used" not in text
 
 

@@ -34,7 +34,7 @@ def test_what_is_missing_stands_in_the_command(new_log):
     path = new_log().drive(8, calibration=None)
     text = format_log(inspect_log(path))
     command = f"wayside run {path} -o out --calibration camera.yaml --spacing 26.4ft"
-    assert f"with what is missing: {command}" in text
+    assert f"add what is missing: {command}" in text
     assert "can be used:" not in text
 
 

@@ -18,7 +18,7 @@ def raw_log(log, encoding, step, data):
 @pytest.mark.parametrize(
     ("encoding", "step", "size", "why"),
     [
-        ("nv24", WIDTH, 3 * WIDTH * HEIGHT, "encoding 'nv24' is not understood"),
+        ("nv24", WIDTH, 3 * WIDTH * HEIGHT, "encoding 'nv24' is not supported"),
         ("bgr8", WIDTH, 3 * WIDTH * HEIGHT, "step is 32 bytes, and a row of 32 pixels in bgr8"),
         ("mono8", WIDTH, (WIDTH + 4) * HEIGHT, "864 bytes, and 24 rows of 32 bytes"),
         ("mono8", WIDTH + 4, WIDTH * HEIGHT, "768 bytes, and 24 rows of 36 bytes"),
@@ -39,7 +39,7 @@ def test_images_that_cannot_be_decoded_are_refused_before_the_run_and_by_info(
 def test_compressed_images_of_no_known_format_are_refused_before_the_run(new_log):
     log = new_log().calibrated()
     log.add_image(0, data=b"no image", format="jxl")
-    with pytest.raises(InputError, match="its format 'jxl' is not understood"):
+    with pytest.raises(InputError, match="its format 'jxl' is not supported"):
         read(log.finish(), spacing_m=8.0)
 
 

@@ -147,7 +147,7 @@ def test_a_cut_and_a_damaged_chunk_are_told_with_their_place_and_against_the_sum
     offset, length = chunks_of(content)[2]
     _, report = read(tmp_path, content[: offset + length // 2])
     (problem,) = report.problems
-    assert f"cut off {length // 2} bytes behind its last whole record" in str(problem)
+    assert f"cut off {length // 2} bytes after its last complete record" in str(problem)
     assert problem.offset == offset
     content[offset + 9 + length - 20] ^= 0x10
     found, report = read(tmp_path, content)
@@ -319,7 +319,7 @@ def test_records_of_opcodes_to_come_and_private_ones_are_passed_over(tmp_path):
     records = later, SCHEMA, CHANNEL, private, message(1, 1), private, END
     found, report = read_made(tmp_path, *records)
     assert (found, report.problem_count) == ([1], 0)
-    assert report.unchecked[-1] == "3 records of unknown kinds were passed over"
+    assert report.unchecked[-1] == "3 records of unknown kinds were skipped"
 
 
 def test_messages_of_a_channel_whose_schema_is_missing_are_lost_and_counted(tmp_path):
@@ -346,7 +346,7 @@ def test_what_follows_the_end_mark_is_not_read_and_is_told(tmp_path, options, su
     assert found == list(range(COUNT))
     (problem,) = report.problems
     assert problem.offset == len(content)
-    assert f"{len(content)} bytes lost: they lie behind the end mark" in str(problem)
+    assert f"{len(content)} bytes lost: they are after the end mark" in str(problem)
 
 
 @pytest.mark.parametrize("misplaced", [chunk(GOOD), record(7, bytes(6)), record(2, bytes(20))])

@@ -60,7 +60,7 @@ def test_a_file_that_takes_nothing_is_given_up():
     one = Recorder("file", memory, 0.05)
     for _ in range(WAITING + 3):
         one.put([stuck])
-    assert one.fault == "took nothing for 0.05 s"
+    assert one.fault == "accepted no data for 0.05 s"
     stuck.go.set()
     one.close()
 
