@@ -111,7 +111,7 @@ SIGNS = Table(
     "One row per physical panel, numbered by station, then lateral offset. GeoParquet 1.1 where the log has fixes.",
     (
         Column("sign_id", _TEXT, "", "log stem and number: `drive-0001`", _SURE),
-        Column("assembly_id", _TEXT, "", "the same for panels on one support", _SURE),
+        Column("assembly_id", _TEXT, "", "id that panels on one support share", _SURE),
         Column("log", _TEXT, "", "stem of the log's file name", _SURE),
         Column("status", _CHOICE, "", "what kind of row this is", _SURE, tuple(SIGN_STATUSES)),
         Column("confidence", _SINGLE, "", "calibrated probability that it is a sign, 0 to 1; null in the presets of "
@@ -162,18 +162,18 @@ SIGNS = Table(
             for term, words in EVIDENCE_TERMS.items()
         ),
         Column("route", _TEXT, "", "route that the vehicle was on; null where none is given or found"),
-        Column("measure", _DOUBLE, "mi, km, ft or m", "measure along `route` abreast of the sign, in the unit that "
-               "`measure_unit` names; null without"),
+        Column("measure", _DOUBLE, "mi, km, ft or m", "measure along `route` abreast of the sign, in the unit "
+               "that `measure_unit` names; null without a route"),
         Column("measure_unit", _CHOICE, "", "its unit: mile, kilometre, foot or metre", values=tuple(MEASURE_UNITS)),
         Column("mutcd", _TEXT, "", "MUTCD code, or its series if the code is uncertain; sign_codes.md"),
-        Column("vienna", _TEXT, "", "the same of the Vienna Convention, for faces of that system"),
-        Column("category", _CHOICE, "", "what signs of its kind are for, also where the code is not known; null: "
+        Column("vienna", _TEXT, "", "the same for the Vienna Convention, for faces of that system"),
+        Column("category", _CHOICE, "", "purpose of signs of its kind, also if the code is not known; null: "
                "uncertain", values=CATEGORIES),
-        Column("legend", _TEXT, "", "number or direction on the face; null: it shows none, or uncertain"),
+        Column("legend", _TEXT, "", "number or direction on the face; null: none, or uncertain"),
         Column("code_probability", _SINGLE, "", "probability of the code in `mutcd` or `vienna`"),
-        Column("nominal_width_in", _SINGLE, "in", "standard width that agrees with the measured one, of a diamond the "
-               "side of its square; null: none or several"),
-        Column("nominal_height_in", _SINGLE, "in", "the same of the height"),
+        Column("nominal_width_in", _SINGLE, "in", "standard width that agrees with the measured one (of a "
+               "diamond: side of its square); null: none or several"),
+        Column("nominal_height_in", _SINGLE, "in", "the same for the height"),
         Column("next_sign_id", _TEXT, "", "next sign ahead of the same code (else colour and shape), on the same side, "
                "facing the same way, on another support; null: none"),
         Column("spacing_m", _DOUBLE, "m", "distance to it along the path, horizontal if the log has poses or fixes"),
@@ -242,7 +242,7 @@ FRAMES = Table(
         Column("left_out", _WHOLE, "", "boxes of the detection network not classified, because it takes others for "
                "likelier faces; null where the frame is not used"),
         Column("candidates", _WHOLE, "", "regions classified; null where the frame is not used"),
-        Column("image_name", _TEXT, "", "name of the file that was imported; null: none was"),
+        Column("image_name", _TEXT, "", "name of the imported file; null: not imported"),
         Column("image_date", _TEXT, "", "when it was taken, as its camera wrote it into the file (local time); null: "
                "unknown"),
         Column("lon_deg", _DOUBLE, "deg", "WGS 84 longitude of the camera; null without fixes"),
@@ -261,17 +261,17 @@ CHECKS = Table(
     (
         Column("rule", _TEXT, "", "name of the rule in its file", _SURE),
         Column("words", _TEXT, "", "what the rule says", _SURE),
-        *alike("edition section", _TEXT, "", "manual that it is of, and section or table; null: the file names none"),
-        Column("level", _TEXT, "", "`shall`: a standard. `should`: a guidance. `own`: of no manual", _SURE),
+        *alike("edition section", _TEXT, "", "manual that the rule is from, and section or table; null: not stated"),
+        Column("level", _TEXT, "", "`shall`: a standard. `should`: a guidance. `own`: from no manual", _SURE),
         Column("sign_id", _TEXT, "", "row of `signs.parquet`", _SURE),
         Column("code", _TEXT, "", "its code or series with the legend; null: not known"),
         Column("verdict", _CHOICE, "", "`meets`, `fails`: at least two standard deviations inside or outside the "
                "limits. `unclear`: nearer to a limit. `not checkable`: `missing` says why", _SURE, CHECK_VERDICTS),
-        Column("probability", _DOUBLE, "", "that the rule is broken; null: not checkable"),
+        Column("probability", _DOUBLE, "", "probability that the rule is broken; null: not checkable"),
         Column("quantity", _TEXT, "", "what was compared; its name ends in its unit", _SURE),
-        *alike("value sigma", _DOUBLE, "", "of the quantity, and its standard deviation (0: exact)"),
-        *alike("least most", _DOUBLE, "", "limits, the tolerance included; null: none"),
-        Column("missing", _TEXT, "", "what is not known that the rule needs; null: nothing"),
+        *alike("value sigma", _DOUBLE, "", "value of the quantity, and its standard deviation (0: exact)"),
+        *alike("least most", _DOUBLE, "", "limits, including the tolerance; null: none"),
+        Column("missing", _TEXT, "", "what the rule needs but is not known; null: nothing"),
     ),
 )  # fmt: skip
 
@@ -299,7 +299,7 @@ SECTIONS = Table(
     "outwards.",
     (
         Column("station_m", _DOUBLE, "m", "along the travelled path from the first used frame", _SURE),
-        Column("side", _CHOICE, "", "of the path, in the direction of travel", _SURE, SIDES),
+        Column("side", _CHOICE, "", "side of the path, in the direction of travel", _SURE, SIDES),
         Column("lane_width_m", _SINGLE, "m", "between the nearest painted lines of both sides, middle to middle"),
         Column("line_m", _SINGLE, "m", "distance of the nearest painted line"),
         Column("edge_m", _SINGLE, "m", "distance of the edge of the travelled way: outermost solid line within 8 m"),
@@ -317,12 +317,12 @@ POSTS = Table(
     (
         Column("assembly_id", _TEXT, "", "support, as in `signs.parquet`", _SURE),
         Column("sign_id", _TEXT, "", "its lowest sign", _SURE),
-        Column("number", _WHOLE, "", "of posts that are seen; null: none is"),
-        Column("width_m", _SINGLE, "m", "of one of them as it is seen across the line of sight; null: none is seen"),
+        Column("number", _WHOLE, "", "number of posts that are seen; null: none"),
+        Column("width_m", _SINGLE, "m", "width of one post across the line of sight; null: none is seen"),
         Column("sigma_width_m", _SINGLE, "m", "standard deviation of the width"),
         Column("kind", _CHOICE, "", ". ".join(f"`{name}`: {words}" for name, words in POST_KINDS.items()), _SURE,
                tuple(POST_KINDS)),
-        Column("kind_probability", _SINGLE, "", "of the kind among those that a post can be; null: not by its look"),
+        Column("kind_probability", _SINGLE, "", "probability of the kind; null: not determined from its appearance"),
         Column("views", _WHOLE, "", "images that show them", _SURE),
         Column("frame", _WHOLE, "", "`best_frame` of the sign", _SURE),
         *alike("x y z", _DOUBLE, "m", "centre of the sign in the world frame", _SURE),

@@ -36,7 +36,7 @@ for group in (fleet.app, learning.app, planning.app):
 
 @app.callback(invoke_without_command=True)
 def common(
-    version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
     debug: Annotated[
         bool,
         typer.Option("--debug", help="Print tracebacks. Works anywhere on the command line."),

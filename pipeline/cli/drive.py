@@ -195,7 +195,7 @@ HOW_TO_CALIBRATE = {
 )
 @takes(
     *("spacing", "camera", "calibration", "start", "until", "every", "settings", "assignments"),
-    heading="Of a log",
+    heading="For a log",
     own=HOW_TO_CALIBRATE,
 )
 def calibrate(

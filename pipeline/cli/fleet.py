@@ -227,7 +227,7 @@ def _summary(report: "FleetReport", out: Path) -> str:
     def describe(entry: "Entry") -> str:
         if entry.state != State.DONE:
             where = f"; see {out / QUARANTINE / entry.name}" if entry.attempts else ""
-            return f"not done, exit status {entry.status}: {entry.words}{where}"
+            return f"failed, exit status {entry.status}: {entry.words}{where}"
         words = "unchanged, result" if entry.name in report.kept else "done, result"
         more = f", exit status {entry.status}" if entry.status else ""
         return f"{words} in {out / DRIVES / entry.name}{more}"

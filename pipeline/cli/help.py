@@ -9,7 +9,7 @@ from typer.models import CommandFunctionType
 
 from wayside.schemas.errors import UsageError
 
-READ, DETECT, ROUTE, VIEW = "What is read", "What decides", "Along the route", "Viewer"
+READ, DETECT, ROUTE, VIEW = "Input", "Settings and models", "Route", "Viewer"
 """Headings of options; what stands under none of them is said first."""
 
 

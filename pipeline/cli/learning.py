@@ -162,7 +162,7 @@ HOW_TO_FIT = {
         "wayside run drive.mcap --models my_models -o out",
     )
 )
-@takes("spacing", "camera", "calibration", "start", "until", heading="Of a log", own=HOW_TO_FIT)
+@takes("spacing", "camera", "calibration", "start", "until", heading="For a log", own=HOW_TO_FIT)
 def fit(
     labels: Annotated[
         list[Path],

@@ -261,7 +261,7 @@ def process_all(
         except (WaysideError, OSError) as error:
             told = in_words(error) if isinstance(error, OSError) else error
             status = report_error(told, debug="--debug" in sys.argv[1:])
-            ends.append((status, "not done"))
+            ends.append((status, "failed"))
     typer.echo("")
     for log, (status, words) in zip(logs, ends, strict=True):
         typer.echo(visible(f"{log}: {words}{f', exit status {status}' if status else ''}"))
@@ -284,7 +284,7 @@ def _one_of_several(
     asked = {"every_region": how.every_region, "self_calibrate": how.self_calibrate}
     key = result_key(source, settings, digests, **asked)
     if viewing is None and not how.overwrite and is_finished(folder, key):
-        return 0, f"unchanged, result in {folder} kept"
+        return 0, f"unchanged, kept the result in {folder}"
     return process(source, folder, settings, viewing, how), f"done, result in {folder}"
 
 

@@ -135,7 +135,7 @@ def _rates_table(fitted: FittedModel) -> tuple[str, Table]:
     compared: dict[str, Rates] = {f"fitted, held out ({fitted.model.space})": fitted.held}
     compared["shipped, same samples"] = fitted.shipped
     compared |= {f"in space {name}, held out": held for name, held in fitted.compared.items()}
-    rows: list[Sequence[str]] = [("", "signs accepted", "under the right name", "others accepted")]
+    rows: list[Sequence[str]] = [("", "signs accepted", "correctly named", "others accepted")]
     for name, rates in compared.items():
         shares = (rates.accepted, rates.named, rates.false_rate)
         rows.append((name, *(_with_ends(value, ends) for value, *ends in shares)))

@@ -125,7 +125,7 @@ def read_manifest(inventory: Path) -> Manifest:
         return Manifest(**told | {"logs": logs, "vectors": vectors})
     except FileNotFoundError as error:
         raise InputError(
-            f"{inventory} is no inventory: it has no {MANIFEST}; `wayside fleet LOGS -o {inventory}` makes one"
+            f"{inventory} is not an inventory: it has no {MANIFEST}; `wayside fleet LOGS -o {inventory}` makes one"
         ) from error
     except (OSError, *CONTENT_FAULTS) as error:
         raise InputError(

@@ -106,7 +106,7 @@ def find_sign(out: Path, signs: Sequence[dict[str, Any]], sign_id: str) -> dict[
     by_id = {row["sign_id"]: row for row in signs}
     if sign_id not in by_id:
         near = difflib.get_close_matches(sign_id, by_id, n=1, cutoff=0.0)
-        offered = f" among {len(by_id)}. Did you mean {near[0]}?" if near else ", and no other."
+        offered = f" among {len(by_id)}. Did you mean {near[0]}?" if near else ", as it has none."
         raise UsageError(f"--sign {sign_id}: {out} has no such sign{offered}")
     return by_id[sign_id]
 

@@ -96,7 +96,8 @@ def start_viewer(
     _send(files, recording_id, address)
     page = f"in a browser: http://{LOOPBACK}:{web}/?url={address}"
     print(
-        f"{page if serve else 'the viewer is open'}; to end it: kill {process.pid}", file=sys.stderr
+        f"{page if serve else 'the viewer is open'}; to close it: kill {process.pid}",
+        file=sys.stderr,
     )
     return address
 

@@ -46,7 +46,7 @@ class CandidateSettings:
     external_score: float = setting(
         0.25,
         "",
-        "boxes of another detector, or of a file, with a smaller score are left out",
+        "boxes of another detector or from a file with a smaller score are left out",
         origin="the default of Ultralytics' predictions",
         low=0,
         high=1,

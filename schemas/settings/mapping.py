@@ -14,7 +14,7 @@ class TrackSettings:
     )
     fewest_views: int = setting(2, "views", "landmarks with fewer views are not reported", low=2)
     gap_px: float = setting(
-        3.0, "px", "largest epipolar or reprojection gap of a match, before the size's share", low=0
+        3.0, "px", "largest epipolar or reprojection error of a match, plus a share of size", low=0
     )
 
 
@@ -23,19 +23,19 @@ class LocateSettings:
     """Classification by location, and what is reported."""
 
     gate: bool = setting(
-        True, "", "refuse landmarks off the places or sizes of signs; false: keep all"
+        True, "", "reject landmarks unlike signs in place or size; false: keep all"
     )
     confidence: float = setting(
         0.5,
         "",
-        "signs below this confidence get status uncertain; with a false-alarm rate (models.alpha), 0.5 stands for the "
-        "confidence that it asks for",
+        "signs below this confidence get status uncertain; with a false-alarm rate (models.alpha), 0.5 means "
+        "the confidence that this rate needs",
         low=0,
         high=1,
     )
     smallest_side_m: float = setting(
-        0.12, "m", "panels with a smaller side are refused", low=0, high=10
+        0.12, "m", "panels with a smaller side are rejected", low=0, high=10
     )
     largest_side_m: float = setting(
-        12.0, "m", "panels with a larger side are refused", low=0, high=100
+        12.0, "m", "panels with a larger side are rejected", low=0, high=100
     )

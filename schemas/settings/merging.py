@@ -7,7 +7,7 @@ from wayside.schemas.settings.field import setting
 
 @dataclass(frozen=True, slots=True)
 class MergeSettings:
-    """When sightings of several drives are of one panel, and how the errors of the drives' fixes go together."""
+    """When sightings from several drives are of one panel, and how errors of the drives' fixes are related."""
 
     cell_zoom: int = setting(
         14, "", "zoom level of the quadkeys that divide the tables", low=1, high=20,
@@ -44,7 +44,7 @@ class ChangeSettings:
         origin="no face is measured from farther away",
     )  # fmt: skip
     moved_m: float = setting(
-        30.0, "m", "a gone panel and a new one with the same face count as moved up to this distance",
+        30.0, "m", "a missing panel and a new one with the same face count as moved up to this distance",
         low=0, origin="shorter than the distance of equal signs along a road",
     )  # fmt: skip
     images: int = setting(

@@ -14,7 +14,7 @@ class ReadSettings:
         "", "file", "YAML of ROS camera_info, OpenCV or Kalibr that replaces the log's calibration"
     )
     spacing_m: float = setting(
-        0.0, "m", "distance between images where the log has no poses; 0: unknown", low=0
+        0.0, "m", "distance between images if the log has no poses; 0: unknown", low=0
     )
     thin_m: float = setting(
         2.0,
@@ -31,20 +31,20 @@ class ReadSettings:
 
 @dataclass(frozen=True, slots=True)
 class RunSettings:
-    """How the work is carried out; nothing here changes a result."""
+    """How the work is carried out; nothing here changes the result."""
 
-    workers: int = setting(2, "threads", "images processed side by side", low=1, high=64)
+    workers: int = setting(2, "threads", "images processed in parallel", low=1, high=64)
     memory_mb: float = setting(
         0.0,
         "MB",
-        "most memory of images that wait, are searched or are tracked; 0: by the number of workers",
+        "memory limit for images in progress; 0: depends on the number of workers",
         low=0,
     )
 
 
 @dataclass(frozen=True, slots=True)
 class ModelSettings:
-    """Learned numbers: colours, shapes, locations and classifiers."""
+    """Learned models: colours, shapes, locations and classifiers."""
 
     folder: str = setting(
         "", "folder", "model files here replace shipped ones of the same name; empty: none"
@@ -75,7 +75,7 @@ class ModelSettings:
     detections: str = setting(
         "",
         "file",
-        "boxes made elsewhere (Parquet or COCO JSON) that replace those of wayside's own detector; empty: none",
+        "boxes from another tool (Parquet or COCO JSON) that replace those of wayside's own detector; empty: none",
     )
     classes: str = setting(
         "",

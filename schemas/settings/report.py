@@ -11,12 +11,12 @@ class ReportSettings:
 
     on: bool = setting(False, "", "use the chain of the report; its presets switch it on")
     shape: bool = setting(
-        False, "", "refuse outlines of no known shape, after the colour gate (chapter 4)"
+        False, "", "reject outlines of no known shape, after the colour gate (chapter 4)"
     )
     trajectory: str = setting(
         "off",
         "",
-        "refuse tracks that do not move as signs do (chapter 5): image: by u, v, du, dv as in the report; compensated: "
-        "with the rotation of the camera taken out",
+        "reject tracks that do not move like signs (chapter 5): image: by u, v, du, dv as in the report; compensated: "
+        "with the rotation of the camera removed",
         choices=("off", "image", "compensated"),
     )

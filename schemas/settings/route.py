@@ -18,7 +18,7 @@ class RouteSettings:
         -1.0, "", "measure at the first used image, in `unit`; below 0: not known", low=-1
     )
     decreasing: bool = setting(
-        False, "", "whether measures fall in the direction of travel; with `milepost`"
+        False, "", "whether measures decrease in the direction of travel; with `milepost`"
     )
     unit: str = setting(
         "mi",
@@ -49,7 +49,7 @@ class RoadsideSettings:
 
 @dataclass(frozen=True, slots=True)
 class CodeSettings:
-    """The code of a sign by all that was measured of it."""
+    """The code of a sign, from all its measurements."""
 
     system: str = setting(
         "auto",
@@ -61,7 +61,7 @@ class CodeSettings:
     settled: float = setting(
         0.9,
         "",
-        "probability from which a code is stated, else the series it belongs to, else nothing",
+        "least probability to state a code, else the series it belongs to, else nothing",
         origin="at this probability, one stated code in ten is wrong",
         low=0.5,
         high=1,
@@ -69,7 +69,7 @@ class CodeSettings:
     size_sigmas: float = setting(
         2.0,
         "sigma",
-        "a standard size is stated where width and height are this near",
+        "a standard size is stated if width and height are this near",
         origin="95 % of normal errors",
         low=0,
     )

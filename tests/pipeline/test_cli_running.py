@@ -63,7 +63,7 @@ def test_a_log_that_cannot_be_used_is_told_and_the_others_are_done(drives, capsy
     assert "b.mcap: made up" in said.err
     lines = said.out.split("\n\n")[-1].splitlines()
     ends = [line.rpartition(": ")[2].split(" in ")[0] for line in lines]
-    assert ends == ["done, result", "not done, exit status 3", "done, result"]
+    assert ends == ["done, result", "failed, exit status 3", "done, result"]
 
 
 @pytest.mark.parametrize(

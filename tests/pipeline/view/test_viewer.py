@@ -204,7 +204,7 @@ def test_a_result_is_served_to_browsers_on_loopback(result):
     line = [sys.executable, "-c", code, *asked]
     done = subprocess.run(line, check=True, capture_output=True, text=True)
     address, pid = re.search(
-        rf"(http://127\.0\.0\.1:{port}/)\S*; to end it: kill (\d+)", done.stderr
+        rf"(http://127\.0\.0\.1:{port}/)\S*; to close it: kill (\d+)", done.stderr
     ).groups()
     try:
         with urllib.request.urlopen(address, timeout=10) as answer:
