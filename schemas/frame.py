@@ -14,19 +14,19 @@ UNDECODABLE, WRONG_SIZE, NO_CALIBRATION = "undecodable", "wrong_size", "no_calib
 NO_POSITION, DAMAGED, DUPLICATE = "no_position", "damaged", "duplicate"
 NO_KEY_FRAME, OTHER_CAMERA, TURNED = "no_key_frame", "other_camera", "turned"
 FRAME_STATUS_WORDS = {
-    USED: "its candidates were searched, and it has a pose",
-    THINNED: "too near to the used image before it; its candidates are not searched",
+    USED: "searched for signs, and has a pose",
+    THINNED: "too close to the previous used image; it is not searched for signs",
     OUTSIDE: "outside the part that `--from` and `--until` select",
     SKIPPED: "left out by `--every`",
     UNDECODABLE: "cannot be decoded",
     WRONG_SIZE: "of another size than the calibration",
-    TURNED: "to be shown turned or mirrored, by its Exif orientation, while the first image is not",
-    NO_CALIBRATION: "nothing says how its camera is calibrated",
+    TURNED: "rotated or mirrored by its Exif orientation, unlike the first image",
+    NO_CALIBRATION: "the calibration of its camera is not known",
     NO_POSITION: "before the first pose or fix, or after the last",
-    DAMAGED: "decodes in part only",
+    DAMAGED: "can be decoded only in part",
     DUPLICATE: "a copy of an earlier image, or shows no motion since the last used one",
     NO_KEY_FRAME: "of a video, before its first key frame, or between a missing image and the next key frame",
-    OTHER_CAMERA: "of a camera that shares the topic",
+    OTHER_CAMERA: "from another camera on the same topic",
 }
 FRAME_STATUSES = tuple(FRAME_STATUS_WORDS)
 

@@ -104,8 +104,8 @@ def fleet(
 ) -> None:
     """Process many logs into one inventory, each log once, and merge their signs.
 
-    A log whose result stands, made of the same log, settings and models, is not run again: the same command goes on
-    where it was ended. A log that ends its worker is tried again, and put aside with its own log after three attempts.
+    A log is skipped if it has a result from the same log, settings and models. So the same command continues
+    where it stopped. A log that crashes its worker is tried again, and goes into quarantine after three attempts.
     """
     from wayside.pipeline.cli.progress import FleetProgress
     from wayside.pipeline.fleet.running import run_fleet

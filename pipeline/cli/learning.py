@@ -182,8 +182,8 @@ def fit(
 ) -> None:
     """Fit colours, shapes, location and confidence to your own labels.
 
-    Writes model files that `wayside run --models` takes, with counts, thresholds and what was held out; labels of 50
-    images are enough for colours that stand on five signs each.
+    Writes model files for `wayside run --models`, with counts, thresholds and held-out results. Labels of 50
+    images are enough for colours with five signs each.
     """
     from wayside.pipeline.fitting.command import FitOptions, fit_labels
     from wayside.pipeline.running.tuning import tune_process

@@ -166,7 +166,7 @@ def report_figures(
     overwrite: Overwrite = False,
     **given: Any,
 ) -> None:
-    """Make the figures of the report KS-09-9 on a drive, each number next to the report's, as one page."""
+    """Make the figures of report KS-09-9 for a drive on one page, each number next to the report's."""
     from wayside.pipeline.report_figures.command import write_figures
     from wayside.pipeline.running.tuning import tune_process
 

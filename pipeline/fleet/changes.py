@@ -113,13 +113,13 @@ class ChangeReport:
         if self.blind:
             words += (
                 f"\n{counted(len(self.blind), 'drive')} without a record of what was in view (from an earlier "
-                "version, or no fixes and milepost): {', '.join(self.blind[:5])}; panels that only other drives "
+                f"version, or no fixes and milepost): {', '.join(self.blind[:5])}; panels that only other drives "
                 "saw count as not looked at"
             )
         if self.unseen:
             words += (
                 f"\n{counted(len(self.unseen), 'drive')} without images that can be read: what hid a place from "
-                "them is unknown; the first: {self.unseen[0]}"
+                f"them is unknown; the first: {self.unseen[0]}"
             )
         return "\n".join(filter(None, (words, str(self.review))))
 

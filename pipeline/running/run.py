@@ -122,9 +122,9 @@ class RunResult:
         """Parts of the input that could not be used though they should have been, in words."""
         words = (
             (UNDECODABLE, "not decoded"),
-            (DAMAGED, "damaged and decoded in part only"),
-            (WRONG_SIZE, "of another size than the calibration of that time"),
-            (TURNED, "to be shown turned by the Exif orientation, unlike the first"),
+            (DAMAGED, "damaged and decoded only in part"),
+            (WRONG_SIZE, "of another size than the calibration"),
+            (TURNED, "rotated by the Exif orientation, unlike the first"),
             (NO_CALIBRATION, "without calibration"),
         )
         images = [f"{counted(self.frames[s], 'image')} {w}" for s, w in words if self.frames.get(s)]

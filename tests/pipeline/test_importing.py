@@ -273,7 +273,7 @@ def test_local_times_that_fit_a_track_in_several_zones_are_refused(tmp_path, cal
     [
         ("a.gpx", "<gpx>", "cannot be read"),
         ("a.csv", "file,lon\n1.jpg,7\n", "cannot be read: 'lat'"),
-        ("a.csv", "file,lon,lat\n9.jpg,7,50\n", "of none of these 1 images"),
+        ("a.csv", "file,lon,lat\n9.jpg,7,50\n", "match none of these 1 images"),
         ("a.csv", "file,route,milepost\n1.jpg,K-7,12.5\n", "--routes FILE"),
         ("a.gpx", GPX.format(POINT.format(50, 7, 1)), "need the time of each image"),
     ],

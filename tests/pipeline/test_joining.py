@@ -132,7 +132,7 @@ def test_other_bags_are_joined_once_into_the_cache_and_told(tmp_path, monkeypatc
     log = readable_log(bag, told.append)
     assert log.name == "drive.mcap"
     assert log.is_relative_to(tmp_path / "cache")
-    assert "joined first" in told[0]
+    assert "joined to" in told[0]
     assert str(log) in told[0]
     assert_images(log, range(4))
     made = log.stat().st_mtime_ns
@@ -156,7 +156,7 @@ def test_the_command_names_the_bag_it_was_given_and_not_the_copy(tmp_path, monke
     bag = write_ros1(tmp_path / "drive.bag", range(4))
     done = command("info", bag)
     assert f"wayside run {bag} -o out --spacing 26.4ft" in done.stdout
-    assert "joined first" in done.stderr
+    assert "joined to" in done.stderr
 
 
 def test_parts_of_mcap_keep_every_message_metadata_and_attachment(tmp_path):

@@ -129,7 +129,7 @@ def test_without_its_log_what_hid_a_place_from_a_drive_is_said_to_be_unknown(sur
     report, rows = surveyed.changes()
     assert [(row["change"], row["hidden_after"]) for row in rows] == [("gone", 0)] * 2
     assert report.unseen[0].startswith("second: images are taken from the log")
-    assert "what stood in front of a place is not known" in str(report)
+    assert "what hid a place from them is unknown" in str(report)
 
 
 def test_a_log_that_is_shorter_than_at_its_run_is_said_to_be(surveyed):

@@ -251,7 +251,7 @@ def test_the_settings_of_a_comparison_are_those_given_and_recorded_in_it(copied)
     assert "moved" not in table["change"].to_pylist()
     about = json.loads(table.schema.metadata[b"wayside"])
     assert about["settings"]["changes"] == asdict(ChangeSettings(moved_m=0.0))
-    with pytest.raises(UsageError, match="give their settings to `wayside fleet`"):
+    with pytest.raises(UsageError, match="Give settings of runs and merging to `wayside fleet`"):
         app([*arguments, "--set", "merge.support_m=1"], standalone_mode=False)
 
 
@@ -478,7 +478,7 @@ def test_the_command_writes_the_page_and_says_which_images_no_log_gives(copied, 
     assert app([*SEEN, str(copied), "-o", str(page)], standalone_mode=False) == 4
     said = capsys.readouterr()
     assert "unchanged" in said.out
-    assert "no log gives them: " in said.err
+    assert "no log has them: " in said.err
     text = page.read_text()
     assert '<li class="gone" id=' in text
     assert '<li class="unchanged"' not in text

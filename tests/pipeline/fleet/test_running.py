@@ -193,7 +193,7 @@ def test_a_log_that_is_not_there_is_told_and_the_others_are_done(fleet, tmp_path
 def test_status_says_what_each_log_and_the_fleet_is_at(fleet, tmp_path):
     seen_inventory = tmp_path / "inventory"
     with locked_inventory(seen_inventory):
-        assert "looks at its logs" in format_status(seen_inventory)
+        assert "is checking its logs" in format_status(seen_inventory)
         with pytest.raises(OutputError, match="another fleet"):
             fleet({"a": "input", "b": "two"})
     fleet({})
