@@ -92,7 +92,7 @@ def read_rules(names: Sequence[str]) -> list[Rule]:
                 f"rules {name} cannot be read: {error.strerror}. Name a file, or one of {', '.join(SHIPPED)}."
             ) from error
         except ValueError as error:
-            raise UsageError(f"rules {name}: this is no valid TOML: {error}") from error
+            raise UsageError(f"rules {name}: this is not valid TOML: {error}") from error
         shared = {key: value for key, value in content.items() if not isinstance(value, dict)}
         for key in [key for key in content if key not in shared]:
             try:
@@ -148,7 +148,7 @@ def _limits(key: str, value: Any) -> tuple[Limits, str]:
     """A limit, or pairs of up to which value of `by` one holds and the limit, in order; and their unit."""
     pairs = value if isinstance(value, list) else [["", value]]
     if not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs):
-        raise ValueError(f'{key}: {value!r} is no list of pairs ["up to", "limit"]')
+        raise ValueError(f'{key}: {value!r} is not a list of pairs ["up to", "limit"]')
     read = [_measure(key, limit) for _, limit in pairs]
     ends = [math.inf if end == "" else _measure(key, end)[0] for end, _ in pairs]
     units = {unit for _, unit in read}
@@ -161,5 +161,5 @@ def _measure(key: str, value: Any) -> tuple[float, str]:
     """A number in metres or degrees, and the unit that it is written in."""
     match = _LIMIT.fullmatch(value.strip()) if isinstance(value, str) else None
     if match is None:
-        raise ValueError(f'{key}: {value!r} is no number with a unit, such as "5 ft" or "15 deg"')
+        raise ValueError(f'{key}: {value!r} is not a number with a unit, as "5 ft" or "15 deg"')
     return float(match[1]) * UNITS[match[2]], match[2]

@@ -177,7 +177,7 @@ def _read_manifest(manifest: Path) -> tuple[list[str], list[str]]:
         raise OSError(f"{manifest} is damaged ({error})") from error
     for name in (*names, *drop):
         if name != Path(name).name or name.startswith("."):
-            raise OSError(f"{manifest} names {name!r}, which is no file of a result")
+            raise OSError(f"{manifest} names {name!r}, which is not a file of a result")
     return names, drop
 
 

@@ -14,9 +14,9 @@ from wayside.stages.detection import boxes_of, by_image_id, number_of
 
 REASONS = {
     "not_read": "cannot be read",
-    "not_finite": "have a coordinate or score that is no number",
+    "not_finite": "have a coordinate or score that is not a number",
     "no_area": "have no width or height",
-    "other_class": "are of classes that are no signs",
+    "other_class": "are of classes that are not signs",
     "below_score": "have a score below candidates.external_score",
     "outside_image": "lie outside their image",
     "unused_image": "are of images that were not used",
@@ -152,7 +152,7 @@ def paired(boxes: BoxFile, first: Frame, held: int) -> list[str]:
     if (by_id and not 0 <= least <= last < held) or (least > 0 and last == held):
         raise InputError(
             f"models.detections: {'image_id' if by_id else 'frame'} {last if last >= held else least} in {boxes.path} "
-            f"is no frame of the log: its {held} images are the frames 0 to {held - 1}. Count from 0. For a log of "
+            f"is not a frame of the log: its {held} images are the frames 0 to {held - 1}. Count from 0. For a log of "
             "`wayside import`, file_name (image_name in Parquet) does as well (docs/detectors.md)."
         )
     if by_id and least == 1:

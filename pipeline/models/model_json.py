@@ -140,7 +140,7 @@ def _check_mixture(model: models.MixtureModel) -> None:
     _check_covariance(model.covariance, (k, d, d))
     sums = [model.weight[: model.signs].sum(), model.weight[model.signs :].sum()]
     if model.weight.shape != (k,) or not ((model.weight > 0).all() and np.allclose(sums, 1)):
-        raise ValueError("the weights are no positive numbers of sum 1 on both sides")
+        raise ValueError("the weights are not positive numbers of sum 1 on both sides")
 
 
 def _check_evidence(model: models.EvidenceModel) -> None:

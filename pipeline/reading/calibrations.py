@@ -98,7 +98,7 @@ def make_calibration(
         square = (*p[0:3], *p[4:7], *p[8:11]) if len(p) == 12 else ()
         rectified, why_rectified = _cameras(size, square, ("", ()), region)
     elif any(camera.distortion for camera in raw):
-        rectified, why_rectified = (), "the images are rectified, and it states no P, their matrix"
+        rectified, why_rectified = (), "the images are rectified, but it has no P, their matrix"
     else:
         rectified, why_rectified = raw, why
     return CalibrationContent(time_ns, frame_id, raw, rectified, why, why_rectified)

@@ -77,10 +77,10 @@ def read_image_file(path: Path) -> ImageFile | str:
         path.name.encode()
         data = read_input(path)
     except UnicodeEncodeError:
-        return "its name is no UTF-8"
+        return "its name is not UTF-8"
     except OSError as error:
         dangling = path.is_symlink() and not path.exists()
-        return "a link to no file" if dangling else error.strerror or str(error)
+        return "a broken link" if dangling else error.strerror or str(error)
     header = read_image_header(data)
     if header is None or header.encoding not in ("jpeg", "png"):
         return "no JPEG or PNG image, or cut off" if data else "empty"
@@ -167,8 +167,8 @@ def _contradiction(by_name: list[ImageFile], by_date: list[ImageFile]) -> InputE
         for word, order in (("name", by_name), ("date", by_date))
     )
     return InputError(
-        "the dates of capture (Exif) contradict the order of folders and names; leave out what is of another camera or "
-        f"drive, or say what is right with --order name or --order date{lines}"
+        "the dates of capture (Exif) contradict the order of folders and names; leave out images of another "
+        f"camera or drive, or choose the order with --order name or --order date{lines}"
     )
 
 

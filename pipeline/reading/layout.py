@@ -143,7 +143,7 @@ def parse_record(opcode: int, content: memoryview) -> tuple[Any, int]:
     except EndOfFile as error:
         raise LayoutError("a field of it reaches beyond its end") from error
     except UnicodeDecodeError as error:
-        raise LayoutError("the name of its compression is no text") from error
+        raise LayoutError("the name of its compression is not text") from error
     if opcode == Opcode.ATTACHMENT:
         end = stream.count - 4
         expected = int.from_bytes(content[end : end + 4], "little")

@@ -206,7 +206,7 @@ def gather_drive(
     settings, models = chain(PRESET)
     if settings.read.blur:
         raise UsageError(
-            "read.blur: these figures show what is no sign, too, and are not blurred. Leave it out."
+            "read.blur: these figures also show other things than signs, and are not blurred. Leave it out."
         )
     shapes, density = chain(SHAPE_PRESET)[1].shape_classes, chain(TRAJECTORY_PRESET)[1]
     if shapes is None or density.trajectory_density is None:

@@ -224,7 +224,7 @@ def test_numbers_that_begin_at_1_are_refused_or_noted_and_others_are_counted(tmp
     "images", [[1, 2, 3, 4], [4], [0, 1, 900], [-1, 0], [{"image_id": 4, "file_name": "a.jpg"}]]
 )
 def test_an_image_id_that_is_no_frame_is_refused(tmp_path, images):
-    words = "is no frame of the log: its 4 images are the frames 0 to 3"
+    words = "is not a frame of the log: its 4 images are the frames 0 to 3"
     with pytest.raises(InputError, match=words):
         found_in(load(coco(tmp_path, results(*images))), frames_of(4))
 

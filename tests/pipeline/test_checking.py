@@ -69,13 +69,13 @@ def test_every_rule_that_ships_is_read_and_names_its_section_and_known_codes():
         (LIMIT.replace("words", "word"), "there is no key word; the keys are words, "),
         (LIMIT.replace('words = "w"\n', ""), "the key words is missing"),
         (LIMIT.replace("bottom_m", "botom_m"), "quantity: 'botom_m' is not one of: width_m, "),
-        (LIMIT.replace("5 ft", "5 yd"), "least: '5 yd' is no number with a unit"),
+        (LIMIT.replace("5 ft", "5 yd"), "least: '5 yd' is not a number with a unit"),
         (LIMIT.replace("5 ft", "5 deg"), "a limit of bottom_m is in m or ft or in, not deg"),
-        (LIMIT.replace('"5 ft"', "5"), "least: 5 is no number with a unit"),
+        (LIMIT.replace('"5 ft"', "5"), "least: 5 is not a number with a unit"),
         (LIMIT.replace('least = "5 ft"\n', ""), "it has no limit"),
         (LIMIT + 'most = "9 m"\n', "or limits in different units"),
         (LIMIT.replace('"5 ft"', '[["1 m", "5 ft"]]'), 'and end with ["", "limit"]'),
-        (LIMIT.replace('"5 ft"', '["5 ft"]'), "['5 ft'] is no list of pairs"),
+        (LIMIT.replace('"5 ft"', '["5 ft"]'), "['5 ft'] is not a list of pairs"),
         (LIMIT.replace('"5 ft"', '[["1 m", "5 ft"], ["", "6 ft"]]'), "name it with the key by"),
         (LIMIT + 'roads = ["lane"]\n', "roads: 'lane' is not one of: rural, urban, freeway"),
         (LIMIT + 'codes = "R1-1"\n', "codes must be a list of texts, but is 'R1-1'"),
@@ -91,7 +91,7 @@ def test_a_rule_that_cannot_be_used_is_named_with_its_file_and_what_is_wrong(tmp
 def test_a_file_that_is_missing_or_no_toml_is_named(tmp_path):
     with pytest.raises(UsageError, match=r"rules none\.toml cannot be read.*or one of mutcd"):
         read_rules(["none.toml"])
-    with pytest.raises(UsageError, match=r"own\.toml: this is no valid TOML"):
+    with pytest.raises(UsageError, match=r"own\.toml: this is not valid TOML"):
         rules_of(tmp_path, "[one")
 
 

@@ -182,18 +182,18 @@ def test_what_cannot_be_imported_is_left_out_and_named(tmp_path, calibration, co
     assert [f.name for f in read(out)[0]] == ["P1.jpg", "P2.jpg", "P9.jpg"]
     for words in (
         "left out: 7 of 10 files",
-        "P3.jpg: a link to no file",
+        "P3.jpg: a broken link",
         "P4.jpg: empty",
         "P5.jpg: Is a directory",
         "P6.jpg: a pipe",
         "P7.jpg: no JPEG or PNG image",
-        "P8.jpg: a link to no file",
+        "P8.jpg: a broken link",
         "and 1 more",
     ):
         assert words in done.stderr
     refused = command("import", latin, *line)
     assert refused.returncode == 3
-    assert "P\\udce9.jpg: its name is no UTF-8" in refused.stderr
+    assert "P\\udce9.jpg: its name is not UTF-8" in refused.stderr
     assert command("import", folder / "P3.jpg", *line).returncode == 3
 
 
