@@ -111,9 +111,10 @@ class FrameProgress(_Shown):
     def __init__(self, label: str, run: "Run") -> None:
         name = visible(label)  # shortened, it leaves room for the counts on a line of 80 columns
         shown = name if len(name) <= _LONGEST_LABEL else f"{name[: _LONGEST_LABEL - 3]}..."
-        counts = "{task.fields[looked_at]} searched, {task.fields[settled]} of {task.fields[held]} images done"
-        fields = {"looked_at": 0, "settled": 0, "held": "?"}
-        super().__init__(escape(shown), TextColumn(counts), _TimeLeft(), **fields)
+        counts = TextColumn(
+            "{task.fields[looked_at]} searched, {task.fields[settled]} of {task.fields[held]} done"
+        )
+        super().__init__(escape(shown), counts, _TimeLeft(), looked_at=0, settled=0, held="?")
         self._run = run
         self._bar.refreshed = self._refresh
 

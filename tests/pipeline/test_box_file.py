@@ -211,7 +211,7 @@ def test_results_are_found_by_the_names_of_their_files_where_the_log_knows_them(
 
 def test_numbers_that_begin_at_1_are_refused_or_noted_and_others_are_counted(tmp_path):
     box = corners(*[BOX] * 3)
-    with pytest.raises(InputError, match=r"frame 3 in .* is no frame"):
+    with pytest.raises(InputError, match=r"frame 3 in .* is not a frame"):
         found_in(load(parquet(tmp_path, frame=[1, 2, 3], **box)), frames_of(3))
     assert found_in(load(parquet(tmp_path, frame=[0, 2, 3], **box)), frames_of(3)) == [1, 0, 1]
     first = frames_of(3)[0]

@@ -30,7 +30,7 @@ def test_help_has_a_short_name_and_fits_into_80_columns(words):
     assert not set("{}") & set(usage)
     assert "<bool>" not in said
     if words in ([], ["run"]):
-        for status in ("0 done", "1 a fault", "2 wrong", "3 the input", "4 done, but", "130 "):
+        for status in ("0 done", "1 an inter", "2 wrong", "3 the input", "4 done, but", "130 "):
             assert f"• {status}" in said
     if not words:
         shown = re.findall(r"(?m)^(?:│|╭─) ([A-Za-z][\w -]*?)(?=  | ─)", said)

@@ -80,7 +80,7 @@ def test_finished_logs_are_passed_over_until_something_changes(drives, tmp_path,
     contents = {"a": "0", "b": "0"}
     drives(contents)
     assert drives(contents) == (0, [])
-    assert capsys.readouterr().out.count("unchanged, result in") == 2
+    assert capsys.readouterr().out.count("unchanged, kept the result in") == 2
     assert drives(contents, overwrite=True)[1] == ["a.mcap", "b.mcap"]
     for how in ("every_region", "self_calibrate"):
         for again in (["a.mcap", "b.mcap"], []):

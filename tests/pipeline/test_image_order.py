@@ -132,7 +132,7 @@ def test_two_cameras_in_one_folder_are_refused(take, imported):
     for k in range(5):
         take(f"in/DSC_{k:04d}.JPG", k + 0.5)
         path = take(f"in/IMG_{k:04d}.JPG", k)
-    with pytest.raises(InputError, match="leave out what is of another camera"):
+    with pytest.raises(InputError, match="leave out images of another camera"):
         imported([path.parent])
 
 

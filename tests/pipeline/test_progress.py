@@ -43,7 +43,7 @@ def test_the_bar_counts_images_looked_at_and_settled_and_ends_with_the_last_sett
             progress._bar.refresh()
             time.sleep(0.02)
         line = last_line(screen)
-        assert "120000 looked at, 0 of 120000 settled" in line
+        assert "120000 searched, 0 of 120000 done" in line
         assert line.startswith("rosbag2")
         assert len(line) <= 80
         named = progress.description
@@ -97,7 +97,7 @@ def test_where_no_bar_is_shown_a_line_now_and_then_says_how_far_the_work_is(pipe
         sheets.watch(7, 20)
         time.sleep(0.5)
     said = pipe()
-    assert "a.mcap 12 looked at, 3 of 24 settled\n" in said
+    assert "a.mcap 12 searched, 3 of 24 done\n" in said
     assert re.search(r"(?m)^evidence 7/20 sheets 0:00:00$", said)
     time.sleep(0.2)
     assert not pipe()

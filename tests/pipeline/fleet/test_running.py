@@ -210,8 +210,8 @@ def test_status_says_what_each_log_and_the_fleet_is_at(fleet, tmp_path):
         assert "panels: being merged now" in told
     again = replace(manifest.logs["b"], key="of another run")
     write_manifest(seen_inventory, manifest.with_entries([again]))
-    assert "panels: of earlier results" in format_status(seen_inventory)
-    with pytest.raises(InputError, match="no inventory"):
+    assert "panels: out of date, not merged again yet" in format_status(seen_inventory)
+    with pytest.raises(InputError, match="not an inventory"):
         format_status(tmp_path)
     (seen_inventory / "fleet.json").write_text(json.dumps({"logs": {"a": 1}}))
     with pytest.raises(InputError, match="cannot be read"):
