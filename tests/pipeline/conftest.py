@@ -38,7 +38,7 @@ def in_browser():
 
 
 def _run_page(page, script, fragment="", profile=None, width=1280):
-    """What a script (the body of an async function with `press` and `until`) returns in a copy of the page beside it.
+    """What a script (the body of an async function with `press` and `until`) returns in a copy of a page.
 
     profile: folder of a browser profile, kept between calls; None: a new one. width: of the window, pixels.
     """
