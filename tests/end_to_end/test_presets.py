@@ -262,11 +262,11 @@ def test_the_default_measures_the_ground_beside_the_road_where_it_is_asked_for()
 
 def write_pinned():
     """Run all presets and write what they find."""
-    from conftest import run_demo_log  # the folder of this file is on the path of a script
+    from conftest import run_log_file  # the folder of this file is on the path of a script
 
     for name, (preset, *options) in RUNS.items():
         with tempfile.TemporaryDirectory() as folder:
-            digest = digest_of(run_demo_log(Path(folder), "--preset", preset, *options))
+            digest = digest_of(run_log_file(DEMO, Path(folder), "--preset", preset, *options))
         signs = ",\n  ".join(json.dumps(sign) for sign in digest.pop("signs"))
         rest = ",\n ".join(f"{json.dumps(key)}: {json.dumps(digest[key])}" for key in digest)
         (PINNED / f"{name}.json").write_text(f'{{"signs": [\n  {signs}],\n {rest}}}\n')
