@@ -102,7 +102,7 @@ class _Shown:
         self._bar.update(self._task, description=COMPILING if active else self._label)
         if self._bar.disable and active and not self._told:
             self._told = True
-            self._console.print(f"wayside: {COMPILING}, takes about a minute", soft_wrap=True)
+            self._console.print(f"wayside: {COMPILING}, takes less than a minute", soft_wrap=True)
 
 
 class FrameProgress(_Shown):

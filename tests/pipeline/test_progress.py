@@ -86,7 +86,7 @@ def test_where_no_bar_is_shown_compilation_is_told_once_and_nothing_else(pipe):
     with FrameProgress("a.mcap", Run()) as progress:
         for active in (True, False, True, False):
             progress.compiling(active)
-    assert pipe() == f"wayside: {COMPILING}, takes about a minute\n"
+    assert pipe() == f"wayside: {COMPILING}, takes less than a minute\n"
 
 
 def test_where_no_bar_is_shown_a_line_now_and_then_says_how_far_the_work_is(pipe, monkeypatch):
