@@ -44,10 +44,10 @@ _GAP_PX, _QUALITY = 4, 92
 
 
 def landmark_color(landmark: Landmark) -> Ink:
-    """Colour to draw a landmark in: its own where it is a sign, by its residual where it has no confidence."""
+    """Colour to draw a landmark in: of a sign its own, or by residual (unknown: high) where it has no confidence."""
     if landmark.verdict != "sign" or np.isfinite(landmark.score):
         return COLOR_RGB.get(landmark.color or "", GREY) if landmark.verdict == "sign" else GREY
-    part = min(landmark.residual_px / HIGH_RESIDUAL_PX, 1.0)
+    part = min(float(np.nan_to_num(landmark.residual_px / HIGH_RESIDUAL_PX, nan=1.0)), 1.0)
     red, green, blue = (round(a + part * (b - a)) for a, b in zip(GOOD, BAD, strict=True))
     return red, green, blue
 

@@ -263,9 +263,9 @@ def test_rows_without_confidence_are_marked_by_their_residual_and_not_named(repo
     assert not column(report_chunks, "/world/names/all", "Points3D:labels")
     residual = [float(one.removesuffix(" px").rsplit(" ", 1)[1]) for one in words]
     place = replace(refused_place(), verdict="sign", score=np.nan)
-    red = [landmark_color(replace(place, residual_px=px))[0] for px in (0.0, 1.0, 2.0, *residual)]
-    assert red[0] < red[1] < red[2]
-    np.testing.assert_allclose(np.array(inks) >> 24, red[3:], atol=2)  # residuals are rounded
+    red = [landmark_color(replace(place, residual_px=px))[0] for px in (0, 1, 9, np.nan, *residual)]
+    assert red[0] < red[1] < red[2] == red[3]
+    np.testing.assert_allclose(np.array(inks) >> 24, red[4:], atol=2)  # residuals are rounded
 
 
 def test_a_type_without_a_view_is_an_error():
