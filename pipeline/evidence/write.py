@@ -78,8 +78,8 @@ def write_evidence(  # noqa: PLR0913 - one for each option
     `units`: of lengths. `route`: instead of that of the run. `overwrite`: replace any file of the names of the sheets
     and the index; else only sheets of this log.
 
-    Raises UsageError where there is no such sign; InputError where the result or the log cannot be used; OutputError
-    where a sheet cannot be written, or a file of its name is not replaced.
+    Raises UsageError if there is no such sign. Raises InputError if the result or the log cannot be used. Raises
+    OutputError if a sheet cannot be written, or a file of its name is not replaced.
     """
     run = read_run(out)
     drive, signs = gather(out, sign_id, route)

@@ -84,9 +84,9 @@ def export(  # noqa: PLR0913 - one for each option
     the main ones. `pictures`: for `gpkg` and `kmz`, the best image of each sign. `accepted`: without the rows that the
     review of a drive rejects. `route`: of the signs of a drive, instead of that of the run.
 
-    Raises UsageError where the options do not go together, or the package of the format is not installed; InputError
-    where the folder is no result folder and no inventory, or damaged, or the log cannot be read; OutputError where a
-    file cannot be written, or another file has its name.
+    Raises UsageError if options do not go together, or the format's package is not installed. Raises InputError if the
+    folder is neither a result nor an inventory, or is damaged, or the log cannot be read. Raises OutputError if a file
+    cannot be written, or another file has its name.
     """
     inventory, imperial = is_inventory(out), units != "metric"
     _require_fitting(out, kind, crs, table, units, routed=route is not None)
