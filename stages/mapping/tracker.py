@@ -36,7 +36,13 @@ from wayside.stages.mapping.local_adjustment import LandmarkMeasurement
 from wayside.stages.mapping.panel import PanelMeasurement, PanelModels, measure_panel
 from wayside.stages.mapping.prediction import add_predicted_views
 from wayside.stages.mapping.surroundings import surroundings_correlation
-from wayside.stages.mapping.verdicts import VERDICT_OF_TERM, Face, FaceBoxes, in_swept_volume
+from wayside.stages.mapping.verdicts import (
+    VERDICT_OF_TERM,
+    Face,
+    FaceBoxes,
+    in_swept_volume,
+    same_face,
+)
 from wayside.stages.mapping.window import (
     TravelledPath,
     WindowFrame,
@@ -251,7 +257,7 @@ class _Tracker(WindowSolver):
         self._places = {back: SignPlaces() for back in self.sides}
         self._reported: list[Face] = []
         self._images: WindowPoses
-        self._taken: list[FaceBoxes] = []
+        self._taken: FaceBoxes
         """Where the reported ones are in these images."""
 
     def _settle(self, passed: list[LandmarkFit], ahead: list[LandmarkFit]) -> None:
@@ -259,16 +265,18 @@ class _Tracker(WindowSolver):
         oldest = self._window[0].motion.pose
         self._reported = [one for one in self._reported if not oldest.to_camera(one.point)[2] < 0]
         self._images = WindowPoses.of(self._window)
-        self._taken = [one.boxes(self._images) for one in self._reported]
-        rivals = [self._boxes(fit) for fit in ahead if self._seen(fit).accepted]
-        settled = []
+        self._taken = FaceBoxes.of(self._reported, self._images)
         views = {back: side.view for back, side in self.sides.items() if side.view is not None}
-        for one in self._ranked(add_predicted_views(passed, self._window, views, self.each)):
-            if one.accepted and self._boxes(one.fit).explained_by(rivals):
+        ranked = self._ranked(add_predicted_views(passed, self._window, views, self.each))
+        boxes, rivals = self._boxes([one.fit for one in ranked]), self._boxes(ahead)
+        settled = []
+        for k, one in enumerate(ranked):
+            near = np.flatnonzero(one.accepted and same_face(boxes.select(k), rivals))
+            if any(self._seen(ahead[other]).accepted for other in near):
                 ahead.append(one.fit)
             else:
-                settled.append(one)
-        self._decide(settled)
+                settled.append(k)
+        self._decide([ranked[k] for k in settled], boxes.select(settled))
 
     def _seen(self, fit: LandmarkFit) -> _Classified:
         """A landmark with the evidence for it but for its surroundings."""
@@ -297,15 +305,15 @@ class _Tracker(WindowSolver):
         found = [next(likely) if one.accepted else one for one in found]
         return sorted(found, key=lambda one: -one.evidence.log_odds)
 
-    def _decide(self, ranked: Sequence[_Classified]) -> None:
-        """Give landmarks their verdicts in their order, and measure them.
+    def _decide(self, ranked: Sequence[_Classified], boxes: FaceBoxes) -> None:
+        """Give landmarks, in these boxes, their verdicts in their order, and measure them.
 
         Those that will be signs unless a surer one changes that are measured together beforehand.
         """
-        likely, taken = [], list(self._taken)
+        likely, taken = [], self._taken
         for k, one in enumerate(ranked):
-            if self._verdict(one, taken) == "sign":
-                taken.append(self._boxes(one.fit))
+            if self._verdict(one, boxes.select(k), taken) == "sign":
+                taken = taken.joined(boxes.select([k]))
                 likely.append(k)
         found = self.each(self._measured, [ranked[k] for k in likely])
         measured = dict(zip(likely, found, strict=True))
@@ -313,20 +321,20 @@ class _Tracker(WindowSolver):
             now = self._classify(one.fit, one.offset, one.evidence.features.copy())
             if now.accepted and np.isnan(now.evidence.features[SURROUNDINGS]):
                 now = self._surrounded(now)
-            verdict = self._verdict(now, self._taken)
+            verdict = self._verdict(now, boxes.select(k), self._taken)
             if verdict == "sign":
                 self._finish(now, *(measured.get(k) or self._measured(now)))
             else:
-                boxes = measure_landmark(one.fit, self._window)
-                self._finish(now, verdict, boxes, PanelMeasurement())
+                by_boxes = measure_landmark(one.fit, self._window)
+                self._finish(now, verdict, by_boxes, PanelMeasurement())
 
-    def _verdict(self, one: _Classified, taken: Sequence[FaceBoxes]) -> str:
-        """The verdict by all but the images, where `taken` are signs."""
+    def _verdict(self, one: _Classified, boxes: FaceBoxes, taken: FaceBoxes) -> str:
+        """The verdict on a landmark in these boxes by all but the images, where `taken` are signs."""
         if in_swept_volume(one.fit, one.offset):
             return "moving"
         if not one.accepted:
             return VERDICT_OF_TERM[one.evidence.weakest]
-        return "duplicate" if self._boxes(one.fit).explained_by(taken) else "sign"
+        return "duplicate" if same_face(boxes, taken).any() else "sign"
 
     def _measured(self, one: _Classified) -> tuple[str, LandmarkMeasurement, PanelMeasurement]:
         """A landmark that may be a sign, and its panel, with the verdict of its images; nothing else changes."""
@@ -352,7 +360,7 @@ class _Tracker(WindowSolver):
             size = np.array([landmark.width_m, landmark.height_m])
             face = Face.of(fit, self._window)._replace(point=measured.point, metric=size)
             self._reported.append(face)
-            self._taken.append(face.boxes(self._images))
+            self._taken = self._taken.joined(FaceBoxes.of([face], self._images))
             self._places[fit.back].add(one.offset, evidence.best_score)
         if seen.views or measured.residual is not None:
             number, shape = landmark.track_id, None if seen.outline is None else seen.outline.shape
@@ -360,6 +368,6 @@ class _Tracker(WindowSolver):
                 Measurement(number, seen.views, seen.segments, shape, seen.face, measured.residual)
             )
 
-    def _boxes(self, fit: LandmarkFit) -> FaceBoxes:
-        """Where a landmark is in the images of the window."""
-        return Face.of(fit, self._window).boxes(self._images)
+    def _boxes(self, fits: Sequence[LandmarkFit]) -> FaceBoxes:
+        """Where landmarks are in the images of the window."""
+        return FaceBoxes.of([Face.of(fit, self._window) for fit in fits], self._images)

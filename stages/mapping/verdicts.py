@@ -5,7 +5,7 @@ below the threshold, it is the verdict of the weakest term (`VERDICT_OF_TERM`). 
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,19 +64,6 @@ class Face(NamedTuple):
             np.array(sources) != SOURCES.index("predicted"),
         )
 
-    def boxes(self, images: WindowPoses) -> "FaceBoxes":
-        """Where it is in the images of a window: as seen, else where it must be."""
-        found = FaceBoxes.none(len(images.number))
-        local = ((self.point - images.centre)[:, None] @ images.rotation)[:, 0]
-        ahead = local[:, 2] > NEAREST_M
-        depth = local[ahead, 2:]
-        centre, half = local[ahead, :2] / depth, self.metric / depth / 2
-        found.box[ahead] = np.hstack([centre - half, centre + half])
-        held, own = np.nonzero(images.number[:, None] == self.number)
-        found.box[held], found.measured[held] = self.box[own], self.measured[own]
-        found.seen[held] = True
-        return found
-
 
 class FaceBoxes(NamedTuple):
     """Where a landmark is in n images: box (n, 4) as rays, all 0 where it cannot be seen; seen, measured (n,).
@@ -89,16 +76,38 @@ class FaceBoxes(NamedTuple):
     measured: NDArray[np.bool_]
 
     @classmethod
-    def none(cls, count: int) -> "FaceBoxes":
-        """Nowhere."""
-        return cls(np.zeros((count, 4)), np.zeros(count, np.bool_), np.zeros(count, np.bool_))
+    def none(cls, *shape: int) -> "FaceBoxes":
+        """Nowhere, in so many images, or of so many landmarks in so many images."""
+        return cls(np.zeros((*shape, 4)), np.zeros(shape, np.bool_), np.zeros(shape, np.bool_))
 
-    def explained_by(self, others: "Sequence[FaceBoxes]") -> bool:
-        """Whether one of some others explains the same pixels."""
-        if not others:
-            return False
-        stacked = FaceBoxes._make(np.stack(column) for column in zip(*others, strict=True))
-        return bool(same_face(self, stacked).any())
+    @classmethod
+    def of(cls, faces: Sequence[Face], images: WindowPoses) -> "FaceBoxes":
+        """Of k landmarks in the images of a window: as seen, else where they must be."""
+        found = cls.none(len(faces), len(images.number))
+        if not faces:
+            return found
+        point, metric = np.stack([f.point for f in faces]), np.stack([f.metric for f in faces])
+        local = ((point[:, None] - images.centre)[:, :, None] @ images.rotation)[:, :, 0]
+        depth = np.where(local[..., 2:] > NEAREST_M, local[..., 2:], np.inf)
+        centre, half = local[..., :2] / depth, metric[:, None] / depth / 2
+        found.box[:] = np.concatenate([centre - half, centre + half], axis=2)
+        number = np.concatenate([f.number for f in faces])
+        of = np.repeat(np.arange(len(faces)), [len(f.number) for f in faces])
+        held = np.searchsorted(images.number, number)
+        view = np.flatnonzero(np.append(images.number, -1)[held] == number)
+        of, held = of[view], held[view]
+        found.box[of, held] = np.concatenate([f.box for f in faces])[view]
+        found.measured[of, held] = np.concatenate([f.measured for f in faces])[view]
+        found.seen[of, held] = True
+        return found
+
+    def select(self, rows: NDArray[Any] | int) -> "FaceBoxes":
+        """Those of the landmarks."""
+        return FaceBoxes._make(column[rows] for column in self)
+
+    def joined(self, others: "FaceBoxes") -> "FaceBoxes":
+        """These landmarks and then the others."""
+        return FaceBoxes._make(map(np.concatenate, zip(self, others, strict=True)))
 
 
 def same_face(one: FaceBoxes, other: FaceBoxes) -> NDArray[np.bool_]:
