@@ -181,10 +181,12 @@ def best_view(fit: LandmarkFit, window: Sequence[WindowFrame]) -> int:
 
 def observations(fit: LandmarkFit, window: Sequence[WindowFrame]) -> tuple[Observation, ...]:
     """The views of a landmark."""
-    rows, found = fit.followed_in(window)["candidate"].tolist(), []
-    for k, row, residual_px in zip(fit.frames, rows, fit.residual_px.tolist(), strict=True):
-        table = window[k].candidates
-        u, v = table.ideal[row].tolist()
-        x0, y0, x1, y1 = table.regions.box[row].tolist()
-        found.append(Observation(window[k].frame.index, row, u, v, (x0, y0, x1, y1), residual_px))
-    return tuple(found)
+    seen = fit.followed_in(window)
+    numbers = [window[k].frame.index for k in fit.frames.tolist()]
+    columns = (seen["candidate"], seen["ideal"], seen["box"], fit.residual_px)
+    return tuple(
+        Observation(number, row, *ideal, tuple(box), residual_px)
+        for number, row, ideal, box, residual_px in zip(
+            numbers, *(column.tolist() for column in columns), strict=True
+        )
+    )

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import COLORS, SHAPES
+from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.schemas.models import EvidenceModel
 from wayside.stages.classifiers import evidence_ratios
 from wayside.stages.geometry import FrenetOffset
@@ -150,10 +150,10 @@ class LandmarkClassifier:
 
 def view_features(fit: LandmarkFit, window: Sequence[WindowFrame]) -> NDArray[np.float64]:
     """Numbers (9,) on a landmark, named by `FEATURES`; nan for its place and its surroundings."""
-    scores = fit.followed_in(window)["score"]
+    seen = fit.followed_in(window)
     nearest = int(np.argmin(fit.depth))
     ray = window[fit.frames[nearest]].motion.pose.rotation[:, 2]
-    means = [mean_log_probabilities(fit, window, what) for what in ("color", "shape")]
+    means = [mean_log_probabilities(seen, what) for what in ("color", "shape")]
     color, shape = (
         None if mean is None else names[int(mean.argmax())]
         for mean, names in zip(means, (COLORS, SHAPES), strict=True)
@@ -162,7 +162,7 @@ def view_features(fit: LandmarkFit, window: Sequence[WindowFrame]) -> NDArray[np
     log_sides = np.log(fit.metric)
     return np.array(
         [
-            np.sort(scores)[-BEST:].mean(),
+            np.sort(seen["score"])[-BEST:].mean(),
             np.log(len(fit.rows)),
             fit.missed / (fit.missed + len(fit.rows)),
             log_sides.mean(),
@@ -191,37 +191,29 @@ def voted_class(
     Where a network classified the views, the weight is the mean log probability, and there is no distance. Else the
     nearest classes of the views vote, each with the area of its box (report chapters 3.2 and 4).
     """
-    means = mean_log_probabilities(fit, window, what)
+    means = mean_log_probabilities(fit.followed_in(window), what)
     if means is not None:
         return VotedClass(names[int(means.argmax())], nan, tuple(means.tolist()))
     weights, distances = np.zeros(len(names)), np.full(len(names), np.nan)
     for held, row in fit.views_in(window):
-        own = held.followed["candidate"][row]
-        kind = int(getattr(held.candidates, what)[own])
-        if kind >= 0:
-            weights[kind] += held.followed["size"][row].prod()
-            distance = getattr(held.candidates, f"{what}_distance")[own]
+        own = held.followed[row]
+        kind = NONE if own["predicted"] else int(getattr(held.candidates, what)[own["candidate"]])
+        if kind != NONE:
+            weights[kind] += own["size"].prod()
+            distance = getattr(held.candidates, f"{what}_distance")[own["candidate"]]
             distances[kind] = np.fmin(distances[kind], distance)
     best = int(weights.argmax())
     return VotedClass(names[best], float(distances[best])) if weights.any() else VotedClass(None)
 
 
-def mean_log_probabilities(
-    fit: LandmarkFit, window: Sequence[WindowFrame], what: str
-) -> NDArray[np.float64] | None:
-    """Mean over the classified views of the log probability of each class; None where no view is classified.
+def mean_log_probabilities(seen: NDArray[np.void], what: str) -> NDArray[np.float64] | None:
+    """Mean over the views `seen` (v,) of the log probability of each class; None where none is classified.
 
     A view weighs as it is tall, up to `CLEAR_PX`, less where it is cut; none may rule a class out.
     """
-    frames = [window[k] for k in fit.frames]
-    tables = [getattr(held.candidates, f"{what}_log_probability") for held in frames]
-    views = [k for k, table in enumerate(tables) if table is not None]
-    if not views:
+    seen = seen[~np.isnan(seen[what]).any(axis=1)]
+    if not len(seen):
         return None
-    seen = fit.followed_in(window)
-    odds = np.array([tables[k][seen["candidate"][k]] for k in views], np.float64)
-    tall_px = seen["size"][:, 1] * [held.focal for held in frames]
-    weight = np.minimum(tall_px, CLEAR_PX) * np.where(seen["whole"], 1.0, CUT_WEIGHT)
-    known = ~np.isnan(odds).any(axis=1)
-    odds, weight = np.maximum(odds[known], LEAST_LOG_PROBABILITY), weight[views][known]
-    return (weight[:, None] * odds).sum(axis=0) / sum(weight) if known.any() else None
+    weight = np.minimum(seen["tall_px"], CLEAR_PX) * np.where(seen["whole"], 1.0, CUT_WEIGHT)
+    odds = np.maximum(seen[what], LEAST_LOG_PROBABILITY)
+    return np.asarray((weight[:, None] * odds).sum(axis=0) / sum(weight))

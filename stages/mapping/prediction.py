@@ -6,18 +6,17 @@ pixel or two in the others.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import NONE, Regions
-from wayside.stages.detection import BoxClassifier, fits_face, regions_of
+from wayside.stages.detection import BoxClassifier, fits_face
 from wayside.stages.geometry import distort_points, ideal_of_rays
 from wayside.stages.kernels import Each
 from wayside.stages.mapping.association import EXPECTED_PX, NEAREST_M
 from wayside.stages.mapping.landmark_fit import LandmarkFit
-from wayside.stages.mapping.window import EDGE_PX, WindowFrame
+from wayside.stages.mapping.window import WindowFrame, WindowPoses, is_whole
 
 SIGMA_SHARE = 0.15
 """Largest scatter of a predicted box by its height (set on the development drives)."""
@@ -39,58 +38,72 @@ def add_predicted_views(
     `classifiers`: of one view, of faces (False) and of backs (True); without one none is predicted. `each`: applies a
     function to items, as `map`.
     """
+    landmark, frame, box = predicted_boxes(fits, window)
+    back = np.array([fit.back for fit in fits], np.bool_)[landmark]
+    groups = [
+        (k, side, np.flatnonzero((frame == k) & (back == side)))
+        for k in np.unique(frame).tolist()
+        for side in sorted(classifiers)
+    ]
+
+    def scores(group: tuple[int, bool, NDArray[np.int64]]) -> NDArray[np.float32]:
+        k, side, rows = group
+        rgb = window[k].rgb
+        if rgb is None or not len(rows):
+            return np.full(len(rows), -np.inf, np.float32)
+        return classifiers[side].scores(rgb, box[rows])
+
     views: list[list[tuple[int, int]]] = [[] for _ in fits]
-
-    def accepted(k: int) -> list[tuple[bool, NDArray[np.int64], Regions, NDArray[np.float32]]]:
-        held, found = window[k], []
-        if held.rgb is None:
-            return []
-        number, boxes = predicted_boxes(fits, held)
-        for back, classifier in sorted(classifiers.items()):
-            new = [fits[i].back == back and k not in fits[i].frames for i in number]
-            own = np.flatnonzero(fits_face(boxes, held.camera) & np.array(new, np.bool_))
-            if len(own):
-                box, unknown = boxes[own].astype(np.float32), np.full(len(own), NONE)
-                regions = regions_of(box, unknown, held.rgb, "predicted")
-                scores = classifier.scores(held.rgb, regions.box)
-                rows = np.flatnonzero(scores >= classifier.model.threshold)
-                found.append((back, number[own[rows]], regions.select(rows), scores[rows]))
-        return found
-
-    for k, found in enumerate(each(accepted, range(len(window)))):
-        for back, numbers, regions, scores in found:
-            for number, row in zip(numbers, window[k].add(regions, scores, back=back), strict=True):
+    for (k, side, rows), found in zip(groups, each(scores, groups), strict=True):
+        good = found >= classifiers[side].model.threshold
+        if good.any():
+            added = window[k].add(box[rows[good]], found[good], back=side)
+            for number, row in zip(landmark[rows[good]].tolist(), added, strict=True):
                 views[number].append((k, row))
     return [
         _extended(fit, new, window) if new else fit for fit, new in zip(fits, views, strict=True)
     ]
 
 
-def predicted_boxes(
-    fits: Sequence[LandmarkFit], frame: WindowFrame
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Boxes (m, 4) of landmarks in a frame, recorded pixels, each with the number (m,) of its landmark.
+class PredictedBoxes(NamedTuple):
+    """Boxes (m, 4) in recorded pixels, by frame, each with its landmark (m,) and its frame (m,), numbers from 0."""
 
-    But for those that are cut or too near, or whose scatter there is too large.
+    landmark: NDArray[np.int64]
+    frame: NDArray[np.int64]
+    box: NDArray[np.float32]
+
+
+def predicted_boxes(fits: Sequence[LandmarkFit], window: Sequence[WindowFrame]) -> PredictedBoxes:
+    """Boxes of landmarks in the frames that have no candidate of them.
+
+    But for those that are cut, too near, or no face by their size, or whose scatter there is too large.
     """
-    camera, pose = frame.camera, frame.motion.pose
-    points = pose.to_camera(np.array([fit.point for fit in fits]).reshape(-1, 3))
-    row = np.flatnonzero(points[:, 2] >= NEAREST_M)
-    ray, depth = points[row, :2] / points[row, 2:], points[row, 2]
-    size = np.array([fits[i].metric for i in row.tolist()]).reshape(-1, 2) / depth[:, None]
-    project = np.zeros((len(row), 2, 3))
+    _, rotation, centre = WindowPoses.of(window)
+    point, metric = (np.array([getattr(f, name) for f in fits]) for name in ("point", "metric"))
+    new = np.ones((len(window), len(fits)), np.bool_)
+    for number, fit in enumerate(fits):
+        new[fit.frames, number] = False
+    local = (point.reshape(1, -1, 3) - centre[:, None]) @ rotation
+    frame, landmark = np.nonzero(new & (local[..., 2] >= NEAREST_M))
+    ray, depth = local[frame, landmark, :2], local[frame, landmark, 2:]
+    ray, size = ray / depth, metric.reshape(-1, 2)[landmark] / depth
+    project = np.zeros((len(ray), 2, 3))
     project[:, [0, 1], [0, 1]], project[:, :, 2] = 1.0, -ray
-    project = project @ pose.rotation.T / depth[:, None, None]
-    known = np.array([fits[i].covariance for i in row.tolist()]).reshape(-1, 3, 3)
+    project = project @ rotation[frame].transpose(0, 2, 1) / depth[:, None]
+    known = np.array([fit.covariance for fit in fits]).reshape(-1, 3, 3)[landmark]
     covariance = project @ known @ project.transpose(0, 2, 1)
-    sigma_px = frame.focal * np.sqrt(np.linalg.eigvalsh(covariance)[:, 1])
+    focal = np.array([held.focal for held in window])[frame]
+    sigma_px = focal * np.sqrt(np.linalg.eigvalsh(covariance)[:, 1])
+    good = sigma_px <= np.maximum(SIGMA_SHARE * size[:, 1] * focal, SIGMA_PX)
     corners = ray[:, None] + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * size[:, None] / 2
-    pixels = distort_points(camera, ideal_of_rays(camera, corners.reshape(-1, 2))).reshape(-1, 4, 2)
-    box = np.hstack([pixels.min(axis=1), pixels.max(axis=1)]) + 0.5
-    far = np.array([camera.width, camera.height]) - EDGE_PX
-    inside = (box[:, :2] >= EDGE_PX).all(axis=1) & (box[:, 2:] <= far).all(axis=1)
-    sure = sigma_px <= np.maximum(SIGMA_SHARE * size[:, 1] * frame.focal, SIGMA_PX)
-    return row[inside & sure], box[inside & sure]
+    box = np.zeros((len(ray), 4))
+    for camera in {held.camera for held in window}:
+        own = np.flatnonzero(good & np.array([held.camera == camera for held in window])[frame])
+        ideal = ideal_of_rays(camera, corners[own].reshape(-1, 2))
+        pixels = distort_points(camera, ideal).reshape(-1, 4, 2)
+        box[own] = np.hstack([pixels.min(axis=1), pixels.max(axis=1)]) + 0.5
+        good[own] = is_whole(box[own], camera) & fits_face(box[own], camera)
+    return PredictedBoxes(landmark[good], frame[good], box[good].astype(np.float32))
 
 
 def _extended(

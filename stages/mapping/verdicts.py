@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import SOURCES
 from wayside.stages.geometry import FrenetOffset, box_areas
 from wayside.stages.mapping.association import NEAREST_M
 from wayside.stages.mapping.landmark_fit import LandmarkFit
@@ -53,16 +52,11 @@ class Face(NamedTuple):
     @classmethod
     def of(cls, fit: LandmarkFit, window: Sequence[WindowFrame]) -> "Face":
         """Of a landmark in its window."""
-        seen, frames = fit.followed_in(window), [window[k] for k in fit.frames]
-        tables = [held.candidates.regions.source for held in frames]
-        sources = [table[own] for table, own in zip(tables, seen["candidate"], strict=True)]
-        return cls(
-            fit.point,
-            fit.metric,
-            np.array([held.frame.index for held in frames]),
-            np.hstack([seen["ray"] - seen["size"] / 2, seen["ray"] + seen["size"] / 2]),
-            np.array(sources) != SOURCES.index("predicted"),
-        )
+        seen = fit.followed_in(window)
+        middle, half = seen["ray"], seen["size"] / 2
+        box = np.concatenate([middle - half, middle + half], axis=1)
+        number = np.array([window[k].frame.index for k in fit.frames.tolist()])
+        return cls(fit.point, fit.metric, number, box, ~seen["predicted"])
 
 
 class FaceBoxes(NamedTuple):

@@ -3,16 +3,25 @@
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from math import nan
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import Candidates, Regions, verdict_code
+from wayside.schemas.detections import (
+    LEARNED_COLORS,
+    NONE,
+    SHAPES,
+    Candidates,
+    box_centers,
+    verdict_code,
+)
 from wayside.schemas.frame import Camera, Frame
 from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.measurement import Measurement
 from wayside.schemas.motion import Motion, PosedDetections
+from wayside.stages.detection import regions_of
 from wayside.stages.geometry import (
     FrenetOffset,
     frenet_offset,
@@ -20,6 +29,7 @@ from wayside.stages.geometry import (
     rays_of_ideal,
     to_rays,
 )
+from wayside.stages.kernels import Array
 from wayside.stages.mapping.association import WindowCandidates
 
 WEAKEST_SCORE = -7.0
@@ -31,9 +41,19 @@ FOLLOWED = np.dtype(
         ("candidate", np.int64),  # row among the candidates of the image
         ("back", np.bool_),  # followed as the back of a panel; a row may be followed as a face, too
         ("seed", np.bool_),  # may form hypotheses
-        ("ray", np.float64, 2),  # ideal image coordinates of the centre
+        ("predicted", np.bool_),  # a predicted view
+        ("box", np.float64, 4),  # pixels
+        ("ideal", np.float64, 2),  # centre, ideal pixels
+        ("ray", np.float64, 2),  # the same in ideal image coordinates
         ("size", np.float64, 2),  # width and height in ideal image coordinates
+        ("tall_px", np.float64),  # height in ideal pixels
         ("score", np.float64),  # log odds of what it is followed as
+        (
+            "color",
+            np.float64,
+            len(LEARNED_COLORS),
+        ),  # log probability of each colour, nan if not known
+        ("shape", np.float64, len(SHAPES)),  # the same of each shape
         ("whole", np.bool_),  # does not touch the edge of the image
         ("assigned", np.bool_),  # belongs to a finished landmark
         ("paired", np.bool_, 2),  # meets a candidate of an earlier, of a later frame
@@ -56,7 +76,7 @@ class WindowFrame:
     bounds: NDArray[np.float64]
     """See `image_bounds`, (4,)."""
     candidates: Candidates
-    """All its candidates, n rows: those of the image, then predicted ones."""
+    """All candidates of the image, n rows. The predicted ones come after them."""
     followed: NDArray[np.void]
     """Those that are followed, (k,), with the columns of `FOLLOWED`."""
     landmarks: list[Landmark] = field(default_factory=list)
@@ -70,10 +90,18 @@ class WindowFrame:
     def of(cls, posed: PosedDetections, motion: Motion, camera: Camera) -> "WindowFrame":
         """What tracking needs of a frame."""
         table = posed.detections.candidates
-        followed = joined(
-            followed_table(table, rows, camera, back=back)
-            for rows, back in ((face_rows(table), False), (table.back_rows(), True))
-        )
+        faces, backs = face_rows(table), table.back_rows()
+        score = [table.score[faces], None if table.back_score is None else table.back_score[backs]]
+        rows = np.concatenate([faces, backs])
+        back = np.arange(len(rows)) >= len(faces)
+        followed = followed_table(camera, table.regions.box[rows], table.ideal[rows], back)
+        followed["candidate"] = rows
+        followed["seed"] = back | (table.verdict[rows] != verdict_code("score"))
+        followed["score"] = np.nan_to_num(np.concatenate([s for s in score if s is not None]))
+        for name in ("color", "shape"):
+            known = getattr(table, f"{name}_log_probability")
+            if known is not None:
+                followed[name] = known[rows]
         return cls(posed, motion, camera, image_bounds(camera), table, followed)
 
     @property
@@ -93,29 +121,39 @@ class WindowFrame:
 
     def box(self, row: int) -> NDArray[np.float64]:
         """Box (4,) of a followed candidate, pixels."""
-        own = self.followed["candidate"][row]
-        return np.asarray(self.candidates.regions.box[own], np.float64)
+        return np.asarray(self.followed["box"][row])
 
-    def add(self, regions: Regions, scores: NDArray[np.float32], *, back: bool = False) -> range:
-        """Take more candidates, as if they had been followed from the start; their numbers among the followed ones."""
-        more = Candidates.of(regions)
-        more = replace(more, ideal=ideal_points(self.camera, more.center))
-        more = replace(more, back_score=scores) if back else replace(more, score=scores)
-        rows = followed_table(more, np.arange(len(more)), self.camera, back=back)
-        rows["candidate"] += len(self.candidates)
-        rows["seed"], before = False, len(self.followed)
-        self.candidates = self.candidates.joined(more)
+    def add(self, box: NDArray[np.float32], scores: NDArray[np.float32], *, back: bool) -> range:
+        """Follow predicted boxes (n, 4) with their scores (n,), too; their numbers among the followed candidates."""
+        ideal = ideal_points(self.camera, box_centers(box))
+        rows, before = followed_table(self.camera, box, ideal, back), len(self.followed)
+        rows["predicted"], rows["score"] = True, scores
+        first = len(self.candidates) + np.count_nonzero(self.followed["predicted"])
+        rows["candidate"] = first + np.arange(len(box))
         self.followed = joined([self.followed, rows])
         return range(before, len(self.followed))
+
+    def all_candidates(self) -> Candidates:
+        """The candidates of the image, then the predicted ones."""
+        added = self.followed[self.followed["predicted"]]
+        if self.rgb is None or not len(added):
+            return self.candidates
+        box, back = added["box"].astype(np.float32), added["back"]
+        score = added["score"].astype(np.float32)
+        more = Candidates.of(regions_of(box, np.full(len(box), NONE), self.rgb, "predicted"))
+        scores = {"score": np.where(back, nan, score), "back_score": np.where(back, score, nan)}
+        more = replace(more, ideal=np.ascontiguousarray(added["ideal"]), **scores)
+        return self.candidates.joined(more)
 
     def finished(self) -> TrackedFrame:
         """The frame; of candidates that no landmark has, the verdict says how far they went."""
         own = self.followed[~(self.followed["back"] | self.followed["assigned"])]
-        verdict = self.candidates.verdict.copy()
+        candidates = self.all_candidates()
+        verdict = candidates.verdict.copy()
         own = own[verdict[own["candidate"]] == verdict_code("open")]
         verdict[own["candidate"]] = unassigned_verdicts(own["paired"], own["standing"])
         return replace(
-            untracked(self.posed, replace(self.candidates, verdict=verdict)),
+            untracked(self.posed, replace(candidates, verdict=verdict)),
             landmarks=tuple(self.landmarks),
             measurements=tuple(self.measurements),
             matches=self.matches,
@@ -148,20 +186,23 @@ def face_rows(table: Candidates) -> NDArray[np.int64]:
 
 
 def followed_table(
-    table: Candidates, rows: NDArray[np.int64], camera: Camera, *, back: bool = False
+    camera: Camera, box: NDArray[np.float32], ideal: Array, back: NDArray[np.bool_] | bool
 ) -> NDArray[np.void]:
-    """Rows (k,) of a table of candidates, followed as faces or as backs, with the columns of `FOLLOWED`."""
-    box = table.regions.box[rows].astype(np.float64)
-    score = table.back_score if back and table.back_score is not None else table.score
-    found = np.zeros(len(rows), FOLLOWED)
-    found["candidate"], found["back"] = rows, back
-    found["seed"] = back | (table.verdict[rows] != verdict_code("score"))
-    found["ray"] = rays_of_ideal(camera, table.ideal[rows])
-    found["size"] = ideal_size(box, camera)
-    found["score"] = np.nan_to_num(score[rows].astype(np.float64))
-    far = np.array([camera.width, camera.height]) - EDGE_PX
-    found["whole"] = (box[:, :2] >= EDGE_PX).all(axis=1) & (box[:, 2:] <= far).all(axis=1)
+    """A table with the columns of `FOLLOWED`, those set that boxes (k, 4) with their centres, ideal pixels, give."""
+    found = np.zeros(len(box), FOLLOWED)
+    found["back"], found["box"], found["ideal"] = back, box, ideal
+    found["ray"] = rays_of_ideal(camera, ideal)
+    found["size"] = size = ideal_size(found["box"], camera)
+    found["tall_px"] = size[:, 1] * ((camera.fx + camera.fy) / 2)
+    found["color"] = found["shape"] = nan
+    found["whole"] = is_whole(found["box"], camera)
     return found
+
+
+def is_whole(box: Array, camera: Camera) -> NDArray[np.bool_]:
+    """Which boxes (n, 4) do not touch the edge of the image."""
+    far = np.array([camera.width, camera.height]) - EDGE_PX
+    return np.asarray(((box[:, :2] >= EDGE_PX) & (box[:, 2:] <= far)).all(axis=1))
 
 
 def joined(tables: Iterable[NDArray[np.void]]) -> NDArray[np.void]:
