@@ -184,9 +184,8 @@ def observations(fit: LandmarkFit, window: Sequence[WindowFrame]) -> tuple[Obser
     seen = fit.followed_in(window)
     numbers = [window[k].frame.index for k in fit.frames.tolist()]
     columns = (seen["candidate"], seen["ideal"], seen["box"], fit.residual_px)
+    rows = zip(numbers, *(column.tolist() for column in columns), strict=True)
     return tuple(
-        Observation(number, row, *ideal, tuple(box), residual_px)
-        for number, row, ideal, box, residual_px in zip(
-            numbers, *(column.tolist() for column in columns), strict=True
-        )
+        Observation(number, row, u, v, (x0, y0, x1, y1), residual_px)
+        for number, row, (u, v), (x0, y0, x1, y1), residual_px in rows
     )

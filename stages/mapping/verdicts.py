@@ -5,7 +5,7 @@ below the threshold, it is the verdict of the weakest term (`VERDICT_OF_TERM`). 
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,7 +95,7 @@ class FaceBoxes(NamedTuple):
         found.seen[of, held] = True
         return found
 
-    def select(self, rows: NDArray[Any] | int) -> "FaceBoxes":
+    def select(self, rows: Sequence[int] | int) -> "FaceBoxes":
         """Those of the landmarks."""
         return FaceBoxes._make(column[rows] for column in self)
 

@@ -141,8 +141,10 @@ class WindowFrame:
         box, back = added["box"].astype(np.float32), added["back"]
         score = added["score"].astype(np.float32)
         more = Candidates.of(regions_of(box, np.full(len(box), NONE), self.rgb, "predicted"))
-        scores = {"score": np.where(back, nan, score), "back_score": np.where(back, score, nan)}
-        more = replace(more, ideal=np.ascontiguousarray(added["ideal"]), **scores)
+        more = replace(more, ideal=np.ascontiguousarray(added["ideal"]))
+        more = replace(
+            more, score=np.where(back, nan, score), back_score=np.where(back, score, nan)
+        )
         return self.candidates.joined(more)
 
     def finished(self) -> TrackedFrame:

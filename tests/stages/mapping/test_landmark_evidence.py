@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wayside.schemas.detections import COLORS
+from wayside.schemas.detections import LEARNED_COLORS
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.classifiers import evidence_ratios
 from wayside.stages.geometry import FrenetOffset
@@ -72,12 +72,12 @@ def classified(frames, probabilities):
     """The frames, each view with the `probabilities(index of the frame)` of its colours; None: unclassified."""
     for index, moved in enumerate(frames):
         table = moved.detections.candidates
-        odds = np.full((len(table), len(COLORS)), np.nan, np.float32)
+        odds = np.full((len(table), len(LEARNED_COLORS)), np.nan, np.float32)
         given = probabilities(index)
         if given is not None:
             odds[:] = -np.inf
             for name, probability in given.items():
-                odds[:, COLORS.index(name)] = np.log(probability)
+                odds[:, LEARNED_COLORS.index(name)] = np.log(probability)
         yield with_candidates(moved, color_log_probability=odds)
 
 
