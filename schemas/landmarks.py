@@ -1,6 +1,8 @@
 """Landmarks measured over several frames, and frames whose candidates are all decided."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +42,27 @@ class Observation:
     """Distance to the reprojected landmark."""
 
 
+class Views(Sequence[Observation]):
+    """The views of a landmark by a table of `COLUMNS`: of a long drive all views of all signs are held."""
+
+    COLUMNS = np.dtype("i4, i4, f8, f8, f4, f4, f4, f4, f8")
+    """Numbers of an `Observation`, in their order."""
+
+    __slots__ = ("_table",)
+
+    def __init__(self, columns: Sequence[Iterable[float]]) -> None:
+        self._table = np.fromiter(zip(*columns, strict=True), self.COLUMNS)
+
+    def __len__(self) -> int:
+        """Count views."""
+        return len(self._table)
+
+    def __getitem__(self, index: Any) -> Any:
+        """One view."""
+        frame, row, u_px, v_px, *box, residual_px = self._table[index].item()
+        return Observation(frame, row, u_px, v_px, tuple(box), residual_px)
+
+
 @dataclass(frozen=True, slots=True)
 class Crop:
     """The pixels of a view of a landmark."""
@@ -60,7 +83,7 @@ class Landmark:
 
     track_id: int
     """Number of the landmark in the drive."""
-    views: tuple[Observation, ...]
+    views: Sequence[Observation]
     """Where it was measured, oldest first."""
     position: NDArray[np.float64]
     """Centre of the panel in the camera frame of `best_frame`, (3,), metres."""
@@ -110,7 +133,7 @@ class Landmark:
     """Whether it is seen from behind."""
     assembly: int = -1
     """Number of its support. -1: none."""
-    features: tuple[float, ...] = field(default=(), repr=False)
+    features: Sequence[float] = field(default=(), repr=False)
     """What the landmark classifier saw, in the order of its `FEATURES`."""
     evidence: tuple[tuple[str, float], ...] = field(default=(), repr=False)
     """Log-likelihood ratio of each term, sign against anything else. With the prior log odds they sum to `score`."""
@@ -118,11 +141,11 @@ class Landmark:
     """u, v, du, dv of each step between matched views, in both forms, (s, 2, 4). See `trajectory_of`."""
     crops: tuple[Crop, ...] = field(default=(), repr=False)
     """Its last two views, until its points are triangulated. Presets of the report only."""
-    color_log_probability: tuple[float, ...] = field(default=(), repr=False)
+    color_log_probability: Sequence[float] = field(default=(), repr=False)
     """Mean over the views, of each of `LEARNED_COLORS`. Empty: no network classified them."""
-    shape_log_probability: tuple[float, ...] = field(default=(), repr=False)
+    shape_log_probability: Sequence[float] = field(default=(), repr=False)
     """The same of each of `SHAPES`."""
-    face_log_probability: tuple[float, ...] = field(default=(), repr=False)
+    face_log_probability: Sequence[float] = field(default=(), repr=False)
     """The same of each class of the face classifier. Empty: no view was classified."""
     posts: Posts | None = None
     """What the panel stands on. None: not measured."""

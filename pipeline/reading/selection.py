@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from hashlib import sha1
 
 from wayside.pipeline.reading.image_headers import read_exif
 from wayside.pipeline.reading.plan import listed
@@ -40,7 +39,7 @@ class Selection:
     """Decides the status of each image, in order.
 
     A copy agrees in every byte with an earlier image, which two exposures of a camera never do. It takes no number,
-    because the vehicle did not move for it. 16 bytes of each image are kept.
+    because the vehicle did not move for it. A hash of 64 bits is kept of each image.
 
     An image is used where its distance from the last used one, plus half of the latest step, reaches `thin_m`: of two
     neighbours the one nearer to the wanted place. The distance is measured straight from the last used
@@ -51,7 +50,7 @@ class Selection:
         self.settings, self.spacing_m = settings, spacing_m
         self.first_ns: int | None = None
         self.inside = 0
-        self.seen: set[bytes] = set()
+        self.seen: set[int] = set()
         self.taken_by_copies = 0
         self.numbered: tuple[int, str] | None = None
         self.gaps: list[tuple[int, str]] = []
@@ -91,10 +90,9 @@ class Selection:
             )
 
     def _is_copy(self, frame: Frame, number: int) -> bool:
-        digest = sha1(frame.data, usedforsecurity=False).digest() if len(frame.data) else b""
-        is_copy = digest in self.seen
-        if digest:
-            self.seen.add(digest)
+        digest = hash(bytes(frame.data))
+        is_copy = len(frame.data) > 0 and digest in self.seen
+        self.seen.add(digest)
         if self.numbered is not None:
             step = number - self.numbered[0]
             if step > 1:

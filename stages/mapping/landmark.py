@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import COLORS, SHAPES
-from wayside.schemas.landmarks import Landmark, Observation
+from wayside.schemas.landmarks import Landmark, Views
 from wayside.stages.geometry import FrenetOffset, cross_matrices
 from wayside.stages.mapping.landmark_evidence import VotedClass, voted_class
 from wayside.stages.mapping.landmark_fit import LandmarkFit
@@ -179,13 +179,8 @@ def best_view(fit: LandmarkFit, window: Sequence[WindowFrame]) -> int:
     return int(np.lexsort((-seen["size"].prod(axis=1), ~seen["whole"]))[0])
 
 
-def observations(fit: LandmarkFit, window: Sequence[WindowFrame]) -> tuple[Observation, ...]:
+def observations(fit: LandmarkFit, window: Sequence[WindowFrame]) -> Views:
     """The views of a landmark."""
     seen = fit.followed_in(window)
     numbers = [window[k].frame.index for k in fit.frames.tolist()]
-    columns = (seen["candidate"], seen["ideal"], seen["box"], fit.residual_px)
-    rows = zip(numbers, *(column.tolist() for column in columns), strict=True)
-    return tuple(
-        Observation(number, row, u, v, (x0, y0, x1, y1), residual_px)
-        for number, row, (u, v), (x0, y0, x1, y1), residual_px in rows
-    )
+    return Views([numbers, seen["candidate"], *seen["ideal"].T, *seen["box"].T, fit.residual_px])

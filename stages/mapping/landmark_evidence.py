@@ -7,6 +7,7 @@ over a few numbers on all views of a landmark together. What its images show cou
 learned from; the other terms count by what they were worth on real drives.
 """
 
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import exp, log, nan, pi, sqrt
@@ -180,7 +181,7 @@ class VotedClass(NamedTuple):
 
     name: str | None
     distance: float = nan
-    log_probability: tuple[float, ...] = ()
+    log_probability: Sequence[float] = ()
 
 
 def voted_class(
@@ -193,7 +194,7 @@ def voted_class(
     """
     means = mean_log_probabilities(fit.followed_in(window), what)
     if means is not None:
-        return VotedClass(names[int(means.argmax())], nan, tuple(means.tolist()))
+        return VotedClass(names[int(means.argmax())], nan, array("d", means))
     weights, distances = np.zeros(len(names)), np.full(len(names), np.nan)
     for held, row in fit.views_in(window):
         own = held.followed[row]

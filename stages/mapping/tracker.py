@@ -6,6 +6,7 @@ greedily, best first. A landmark is finished when the vehicle has passed it (rep
 """
 
 from abc import ABC, abstractmethod
+from array import array
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -353,7 +354,7 @@ class _Tracker(WindowSolver):
     ) -> None:
         """Hand a landmark with its verdict to its first frame."""
         fit, evidence = one.fit, one.evidence
-        columns = {"features": tuple(evidence.features.tolist()), "evidence": evidence.ratios}
+        columns = {"features": array("d", evidence.features), "evidence": evidence.ratios}
         landmark = self._report(fit, measured, evidence.score, verdict, posts=seen.posts, **columns)
         if verdict == "sign":
             # Its panel as it was measured: boxes around a sign and its plaque would make the plaque a duplicate.

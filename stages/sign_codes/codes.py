@@ -160,7 +160,7 @@ def _likelihoods(sign: Sign, classes: tuple[str, ...]) -> Floats:
 
 
 def _ratios(
-    named: str | None, log_probability: tuple[float, ...], names: tuple[str, ...]
+    named: str | None, log_probability: Sequence[float], names: tuple[str, ...]
 ) -> Floats:
     """Likelihood (classes,) of what was seen, over that of all classes alike; 1 where nothing was."""
     if log_probability:

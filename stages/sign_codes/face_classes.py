@@ -1,5 +1,6 @@
 """The stage that classifies the faces of landmarks by their pixels."""
 
+from array import array
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -78,9 +79,7 @@ def _classified(
     patches = np.stack(_face_patches(measured, measured.face)[:FACE_VIEWS])
     each = np.maximum(model.log_probabilities(patches), LEAST_LOG_PROBABILITY)
     mean = each.mean(axis=0)
-    landmark = replace(
-        landmark, face_log_probability=tuple((mean - np.logaddexp.reduce(mean)).tolist())
-    )
+    landmark = replace(landmark, face_log_probability=array("d", mean - np.logaddexp.reduce(mean)))
     if landmark.color == "blue" and is_black(patches):  # the networks know no black
         return replace(landmark, color="black", color_log_probability=())
     return landmark
