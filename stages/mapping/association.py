@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.geometry import pair_midpoint
+from wayside.stages.geometry import Midpoints, pair_midpoint
 from wayside.stages.kernels import compiled
 from wayside.stages.mapping.triangulation import projected
 
@@ -104,7 +104,7 @@ class Association(NamedTuple):
 
 def pair_hypotheses(
     candidates: WindowCandidates,
-    older: int,
+    older: range,
     newer: int,
     gap_px: float,
     likely: NDArray[np.int64] | None = None,
@@ -112,20 +112,23 @@ def pair_hypotheses(
     """Pairs of candidates of two frames whose rays meet at a plausible point with like metric sizes: rows (k, 2).
 
     The point is the midpoint of the two rays (report eqs. 7.1 to 7.4). `older`, `newer`: frames, as positions in the
-    window. `gap_px`: largest gap of the two rays, pixels, before the share of the height. `likely` (p, 2): pairs to
-    try, as numbers in their frames; None: all.
+    window. `gap_px`: largest gap of the two rays, pixels, before the share of the height. `likely` (p, 2): rows to try,
+    the first ones ascending; None: all seeds.
     """
     c = candidates
     if likely is None:
-        seeds = [np.flatnonzero(c.seed[c.first[f] : c.first[f + 1]]) for f in (older, newer)]
+        spans = c.first[[[older.start, older.stop], [newer, newer + 1]]].tolist()
+        seeds = [first + np.flatnonzero(c.seed[first:end]) for first, end in spans]
         likely = np.stack(np.meshgrid(*seeds, indexing="ij"), axis=-1).reshape(-1, 2)
-    i, j = likely.T + c.first[[older, newer], None]
-    one_side = c.back[i] == c.back[j]
-    i, j = i[one_side], j[one_side]
+    i, j = likely[c.back[likely[:, 0]] == c.back[likely[:, 1]]].T
     # in the newer camera's frame: its axes tell where a panel is plausible
-    to_newer = c.rotation[newer].T
-    older_centre = to_newer @ (c.centre[older] - c.centre[newer])
-    found = pair_midpoint(c.ray[j], c.ray[i], to_newer @ c.rotation[older], older_centre)
+    to_newer, met = c.rotation[newer].T, []
+    ends = np.searchsorted(i, c.first[older.start : older.stop + 1]).tolist()
+    for frame, first, end in zip(older, ends, ends[1:], strict=False):
+        centre = to_newer @ (c.centre[frame] - c.centre[newer])
+        rays = c.ray[j[first:end]], c.ray[i[first:end]]
+        met.append(pair_midpoint(*rays, to_newer @ c.rotation[frame], centre))
+    found = Midpoints._make(map(np.concatenate, zip(*met, strict=True)))
     x, y, z = found.point.T
     depth = found.along / np.sqrt(1 + (c.ray[np.stack([j, i], axis=1)] ** 2).sum(axis=2))
     metric = np.stack([c.size[j], c.size[i]]) * depth.T[:, :, None]

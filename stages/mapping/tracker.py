@@ -165,8 +165,8 @@ class WindowSolver(ABC):
             self._solve(last=False)
             del self._window[:WINDOW_STEP], self._hypotheses[:WINDOW_STEP]
 
-    def _likely(self, older: WindowFrame, newer: WindowFrame) -> NDArray[np.int64] | None:
-        """Pairs (k, 2) of followed candidates that may show one panel; None: any may."""
+    def _likely(self, recent: Sequence[WindowFrame]) -> NDArray[np.int64] | None:
+        """Pairs (k, 2) of candidates of these frames, the second of the last, that may show a panel; None: any."""
         return None
 
     def _fits(self) -> list[LandmarkFit]:
@@ -193,17 +193,16 @@ class WindowSolver(ABC):
         """Hypotheses from the newest frame with each of the few before it."""
         recent = self._window[-1 - self.reach :]
         newest = len(recent) - 1
+        if newest == 0:
+            return Hypotheses.joined([])
         candidates = candidates_of(recent)
-        first, found = candidates.first, []
-        for older in range(newest):
-            likely = self._likely(recent[older], recent[newest])
-            pairs, hypotheses = pair_hypotheses(
-                candidates, older, newest, self.settings.gap_px, likely
-            )
-            recent[older].followed["paired"][pairs[:, 0] - first[older], 1] = True
-            recent[newest].followed["paired"][pairs[:, 1] - first[newest], 0] = True
-            found.append(hypotheses)
-        return Hypotheses.joined(found)
+        first, gap_px, likely = candidates.first, self.settings.gap_px, self._likely(recent)
+        pairs, found = pair_hypotheses(candidates, range(newest), newest, gap_px, likely)
+        paired = np.zeros((first[-1], 2), np.bool_)
+        paired[pairs[:, 0], 1] = paired[pairs[:, 1], 0] = True
+        for held, own in zip(recent, np.split(paired, first[1:-1]), strict=True):
+            held.followed["paired"] |= own
+        return found
 
     def _solve(self, *, last: bool) -> None:
         """Decide the landmarks of the window that the vehicle has passed."""

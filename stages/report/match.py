@@ -1,6 +1,6 @@
 """The report's matching: a SIFT descriptor of each region, points on which several rays meet (chapters 5 and 7)."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import cv2
@@ -174,8 +174,9 @@ class _Matcher(WindowSolver):
         frame.matches = np.zeros((0, 4), np.float32)
         super().append(frame)
 
-    def _likely(self, older: WindowFrame, newer: WindowFrame) -> NDArray[np.int64]:
+    def _likely(self, recent: Sequence[WindowFrame]) -> NDArray[np.int64]:
         """Segments on each other's epipolar lines with like descriptors."""
+        older, newer = recent
         start, end = older.motion.pose, newer.motion.pose
         moved = end.rotation.T @ (start.centre - end.centre)
         essential = cross_matrices(moved) @ end.rotation.T @ start.rotation
@@ -186,7 +187,7 @@ class _Matcher(WindowSolver):
         one, two = (f.posed.detections.features.sign_descriptors for f in (older, newer))
         alike = np.zeros((len(one), len(two)), np.bool_)
         _compare(lines, np.ascontiguousarray(newer.followed["ray"]), gap, one, two, alike)
-        return np.argwhere(alike)
+        return np.argwhere(alike) + np.array([0, len(one)])
 
     def _settle(self, passed: list[LandmarkFit], ahead: list[LandmarkFit]) -> None:
         """Give landmarks to their frames; SIFT points measure those that a gate accepts."""

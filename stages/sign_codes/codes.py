@@ -159,9 +159,7 @@ def _likelihoods(sign: Sign, classes: tuple[str, ...]) -> Floats:
     return np.asarray(fits[_SIGN_OF_LEAF] * [faces.get(leaf.face, other) for leaf in _LEAVES])
 
 
-def _ratios(
-    named: str | None, log_probability: Sequence[float], names: tuple[str, ...]
-) -> Floats:
+def _ratios(named: str | None, log_probability: Sequence[float], names: tuple[str, ...]) -> Floats:
     """Likelihood (classes,) of what was seen, over that of all classes alike; 1 where nothing was."""
     if log_probability:
         scaled = np.array(log_probability) - np.logaddexp.reduce(log_probability)

@@ -17,7 +17,7 @@ PANEL = (3.5, -1.0, 60.0, 0.7, 0.7, 1.0)
 
 def paired(boxes):
     """Hypotheses of the first and the last of some frames, and the rows of each."""
-    return pair_hypotheses(window(boxes), 0, len(boxes) - 1, GAP_PX)
+    return pair_hypotheses(window(boxes), range(1), len(boxes) - 1, GAP_PX)
 
 
 def hypothesis(point, size):
@@ -49,13 +49,13 @@ def test_only_plausible_panels_make_hypotheses(first, second, count):
 
 def test_a_face_and_a_back_make_no_hypothesis():
     s = window(standing([PANEL], 2))._replace(back=np.array([False, True]))
-    assert len(pair_hypotheses(s, 0, 1, GAP_PX)[0]) == 0
+    assert len(pair_hypotheses(s, range(1), 1, GAP_PX)[0]) == 0
 
 
 def test_candidates_that_are_no_seeds_join_but_make_no_hypothesis():
     s = window(standing([PANEL], 3))._replace(seed=np.array([False, True, True]))
-    assert len(pair_hypotheses(s, 0, 1, GAP_PX)[0]) == 0
-    _, found = pair_hypotheses(s, 1, 2, GAP_PX)
+    assert len(pair_hypotheses(s, range(1), 1, GAP_PX)[0]) == 0
+    _, found = pair_hypotheses(s, range(1, 2), 2, GAP_PX)
     assert associate(s, found, np.ones(3, bool), GAP_PX).row.tolist() == [[0, 1, 2]]
 
 

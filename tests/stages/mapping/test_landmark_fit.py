@@ -15,8 +15,8 @@ FRAMES = 6
 def accepted(panels, fewest=3, noise_px=0.0):
     """Landmarks among panels (right, down, along, width, height, score) seen from six cameras."""
     candidates = window(standing(panels, FRAMES), noise_px)
-    pairs = [(a, b) for b in range(FRAMES) for a in range(max(0, b - 3), b)]
-    found = [pair_hypotheses(candidates, a, b, GAP_PX)[1] for a, b in pairs]
+    pairs = [(range(max(0, k - 3), k), k) for k in range(1, FRAMES)]
+    found = [pair_hypotheses(candidates, *pair, GAP_PX)[1] for pair in pairs]
     hypotheses = Hypotheses.joined(found)
     free = np.ones(len(candidates.ray), bool)
     settings = replace(TrackSettings(), fewest_views=fewest)
