@@ -45,7 +45,7 @@ EXPECTED_PX = 14.0
 
 
 class WindowCandidates(NamedTuple):
-    """Candidates of n frames as parallel arrays, N rows, as the kernel takes them: C-contiguous, doubles."""
+    """Followed candidates of n frames, N rows, as the kernel takes them: C-contiguous, doubles."""
 
     rotation: NDArray[np.float64]
     """World from camera, (n, 3, 3)."""
@@ -57,18 +57,8 @@ class WindowCandidates(NamedTuple):
     """Rays of the left, upper, right and lower edge of the image, (n, 4)."""
     first: NDArray[np.int64]
     """Frame f owns rows `first[f]` to `first[f + 1]`, (n + 1,)."""
-    ray: NDArray[np.float64]
-    """Ideal image coordinates of the centre, (N, 2)."""
-    size: NDArray[np.float64]
-    """Width and height in ideal image coordinates, (N, 2)."""
-    score: NDArray[np.float64]
-    """Log odds, (N,)."""
-    whole: NDArray[np.bool_]
-    """Whether the box does not touch the edge of the image, (N,)."""
-    seed: NDArray[np.bool_]
-    """Whether it may form a hypothesis, (N,)."""
-    back: NDArray[np.bool_]
-    """Whether it is followed as the back of a panel, (N,)."""
+    table: NDArray[np.void]
+    """With the columns of `window.FOLLOWED`, (N,)."""
 
 
 class Hypotheses(NamedTuple):
@@ -115,38 +105,39 @@ def pair_hypotheses(
     window. `gap_px`: largest gap of the two rays, pixels, before the share of the height. `likely` (p, 2): rows to try,
     the first ones ascending; None: all seeds.
     """
-    c = candidates
+    c, ray, size = candidates, candidates.table["ray"], candidates.table["size"]
     if likely is None:
         spans = c.first[[[older.start, older.stop], [newer, newer + 1]]].tolist()
-        seeds = [first + np.flatnonzero(c.seed[first:end]) for first, end in spans]
+        seeds = [first + np.flatnonzero(c.table["seed"][first:end]) for first, end in spans]
         likely = np.stack(np.meshgrid(*seeds, indexing="ij"), axis=-1).reshape(-1, 2)
-    i, j = likely[c.back[likely[:, 0]] == c.back[likely[:, 1]]].T
+    back = c.table["back"][likely]
+    i, j = likely[back[:, 0] == back[:, 1]].T
     # in the newer camera's frame: its axes tell where a panel is plausible
     to_newer, met = c.rotation[newer].T, []
     ends = np.searchsorted(i, c.first[older.start : older.stop + 1]).tolist()
     for frame, first, end in zip(older, ends, ends[1:], strict=False):
         centre = to_newer @ (c.centre[frame] - c.centre[newer])
-        rays = c.ray[j[first:end]], c.ray[i[first:end]]
+        rays = ray[j[first:end]], ray[i[first:end]]
         met.append(pair_midpoint(*rays, to_newer @ c.rotation[frame], centre))
     found = Midpoints._make(map(np.concatenate, zip(*met, strict=True)))
     x, y, z = found.point.T
-    depth = found.along / np.sqrt(1 + (c.ray[np.stack([j, i], axis=1)] ** 2).sum(axis=2))
-    metric = np.stack([c.size[j], c.size[i]]) * depth.T[:, :, None]
+    depth = found.along / np.sqrt(1 + (ray[np.stack([j, i], axis=1)] ** 2).sum(axis=2))
+    metric = size[np.stack([j, i])] * depth.T[:, :, None]
     least, most = metric.min(axis=0), metric.max(axis=0)
     loose = HORIZON_SLOPE * z
     with np.errstate(divide="ignore", invalid="ignore"):
-        size = np.sqrt(metric.prod(axis=0))
+        metres = np.sqrt(metric.prod(axis=0))
         gap = c.focal[newer] * found.gap / z
     good = (depth > NEAREST_M).all(axis=1) & (depth[:, 0] < FARTHEST_M)
     good &= (most <= least * (WIDER, TALLER)).all(axis=1)
-    good &= gap <= gap_px + GAP_SHARE * c.focal[newer] * c.size[j, 1]
+    good &= gap <= gap_px + GAP_SHARE * c.focal[newer] * size[j, 1]
     good &= np.abs(x) <= ASIDE_M + loose
     good &= (y <= BELOW_M + loose) & (-y <= ABOVE_M + loose)
-    good &= (size >= SMALLEST_M).all(axis=1)
-    good &= (size <= LARGEST_M).all(axis=1)
+    good &= (metres >= SMALLEST_M).all(axis=1)
+    good &= (metres <= LARGEST_M).all(axis=1)
     point = c.centre[newer] + found.point[good] @ to_newer
     pairs = np.stack([i[good], j[good]], axis=1)
-    return pairs, Hypotheses(point, size[good], c.back[pairs[:, 1]])
+    return pairs, Hypotheses(point, metres[good], c.table["back"][pairs[:, 1]])
 
 
 def associate(
@@ -159,8 +150,8 @@ def associate(
 
     Raises ValueError where `free` has another length: the kernel checks no bounds.
     """
-    if free.shape != candidates.score.shape:
-        raise ValueError(f"free has shape {free.shape} instead of {candidates.score.shape}")
+    if free.shape != candidates.table.shape:
+        raise ValueError(f"free has shape {free.shape} instead of {candidates.table.shape}")
     m, n = len(hypotheses.point), len(candidates.rotation)
     row, state = np.full((m, n), -1, np.int32), np.zeros((m, n), np.uint8)
     found = Association(row, state, np.zeros(m))
@@ -176,6 +167,7 @@ def _associate(
     gap_px: float,
     found: Association,
 ) -> None:
+    rays, sizes, scores = c.table["ray"], c.table["size"], c.table["score"]
     for m in range(hypotheses.point.shape[0]):
         wide, tall = hypotheses.size[m, 0], hypotheses.size[m, 1]
         for n in range(c.rotation.shape[0]):
@@ -190,14 +182,14 @@ def _associate(
             gate = gap_px / f + 2 * GAP_SHARE * half_tall
             best, value = -1, -1e9
             for k in range(c.first[n], c.first[n + 1]):
-                du, dv = abs(c.ray[k, 0] - x), abs(c.ray[k, 1] - y)
+                du, dv = abs(rays[k, 0] - x), abs(rays[k, 1] - y)
                 gap2 = du * du + dv * dv
                 if gap2 > gate * gate or not free[k]:
                     continue
-                ratio, other = c.size[k, 1] * z / tall, c.size[k, 0] * z / wide
+                ratio, other = sizes[k, 1] * z / tall, sizes[k, 0] * z / wide
                 if max(ratio, 1 / ratio) > TALLER or max(other, 1 / other) > WIDER:
                     continue
-                this = min(MOST_VALUE, max(LEAST_VALUE, c.score[k] + VALUE_SHIFT))
+                this = min(MOST_VALUE, max(LEAST_VALUE, scores[k] + VALUE_SHIFT))
                 off = gap2 / (gate * gate) + np.log(ratio) ** 2 / np.log(TALLER) ** 2
                 this -= GAP_COST * off
                 if this > value:

@@ -35,7 +35,7 @@ def measure_landmark(
     `panel`: None: the one that the boxes show. `jointly`: whether it is adjusted with the motion of the frames around
     it, where that has a prior.
     """
-    best = int(fit.frames[best_view(fit, window)])
+    best = int(fit.frames[best_view(fit.seen)])
     panel = panel or box_panel(fit, window)
     joint = adjust_jointly(window, best, panel) if jointly else None
     if joint is not None:
@@ -131,7 +131,7 @@ def build_landmark(
 
     A back has no colour of a sign. Its shape is the shape of the outline of its panel, where this is known.
     """
-    best, panel = best_view(fit, window), measured.panel
+    best, panel = best_view(fit.seen), measured.panel
     views = observations(fit, window)
     frame = window[fit.frames[best]]
     pose = frame.motion.pose
@@ -173,14 +173,13 @@ def build_landmark(
     )
 
 
-def best_view(fit: LandmarkFit, window: Sequence[WindowFrame]) -> int:
-    """The view with the largest box that is whole; where all are cut, the largest."""
-    seen = fit.followed_in(window)
+def best_view(seen: NDArray[np.void]) -> int:
+    """Of some views the one with the largest box that is whole; where all are cut, the largest."""
     return int(np.lexsort((-seen["size"].prod(axis=1), ~seen["whole"]))[0])
 
 
 def observations(fit: LandmarkFit, window: Sequence[WindowFrame]) -> Views:
     """The views of a landmark."""
-    seen = fit.followed_in(window)
+    seen = fit.seen
     numbers = [window[k].frame.index for k in fit.frames.tolist()]
     return Views([numbers, seen["candidate"], *seen["ideal"].T, *seen["box"].T, fit.residual_px])

@@ -151,7 +151,7 @@ class LandmarkClassifier:
 
 def view_features(fit: LandmarkFit, window: Sequence[WindowFrame]) -> NDArray[np.float64]:
     """Numbers (9,) on a landmark, named by `FEATURES`; nan for its place and its surroundings."""
-    seen = fit.followed_in(window)
+    seen = fit.seen
     nearest = int(np.argmin(fit.depth))
     ray = window[fit.frames[nearest]].motion.pose.rotation[:, 2]
     means = [mean_log_probabilities(seen, what) for what in ("color", "shape")]
@@ -192,12 +192,12 @@ def voted_class(
     Where a network classified the views, the weight is the mean log probability, and there is no distance. Else the
     nearest classes of the views vote, each with the area of its box (report chapters 3.2 and 4).
     """
-    means = mean_log_probabilities(fit.followed_in(window), what)
+    means = mean_log_probabilities(fit.seen, what)
     if means is not None:
         return VotedClass(names[int(means.argmax())], nan, array("d", means))
     weights, distances = np.zeros(len(names)), np.full(len(names), np.nan)
-    for held, row in fit.views_in(window):
-        own = held.followed[row]
+    for frame, own in zip(fit.frames.tolist(), fit.seen, strict=True):
+        held = window[frame]
         kind = NONE if own["predicted"] else int(getattr(held.candidates, what)[own["candidate"]])
         if kind != NONE:
             weights[kind] += own["size"].prod()

@@ -10,7 +10,7 @@ from wayside.schemas.settings import TrackSettings
 from wayside.stages.kernels import Array
 from wayside.stages.mapping.association import MISSED, Hypotheses, WindowCandidates, associate
 from wayside.stages.mapping.triangulation import triangulate_views
-from wayside.stages.mapping.window import WindowFrame, joined
+from wayside.stages.mapping.window import WindowFrame
 
 MAD_TO_SIGMA = 1.4826
 """Standard deviation over median absolute deviation of normal errors."""
@@ -41,6 +41,8 @@ class LandmarkFit:
     """Position of the frame in the window, (v,)."""
     rows: NDArray[np.int64]
     """Number among the followed candidates of that frame, (v,)."""
+    seen: NDArray[np.void]
+    """Those candidates, (v,), with the columns of `window.FOLLOWED`."""
     used: NDArray[np.bool_]
     """Whether the point was fitted to the view, (v,)."""
     point: Array
@@ -75,10 +77,6 @@ class LandmarkFit:
         """The frames of its views, each with the row of its candidate."""
         views = zip(self.frames.tolist(), self.rows.tolist(), strict=True)
         return [(window[frame], row) for frame, row in views]
-
-    def followed_in(self, window: Sequence[WindowFrame]) -> NDArray[np.void]:
-        """Its candidates, (v,), with the columns of `FOLLOWED`."""
-        return joined(held.followed[row : row + 1] for held, row in self.views_in(window))
 
 
 def accept_greedily(
@@ -143,7 +141,7 @@ def _fit_hypothesis(
             break
         row, rounds = found.row[0], rounds - 1
     missed = int((found.state[0] == MISSED).sum())
-    side = bool(candidates.back[row[frames[0]]])
+    side = bool(fit.seen["back"][0])
     return replace(fit, missed=missed, value=float(found.value[0]), back=side)
 
 
@@ -158,26 +156,24 @@ def fit_views(
     `rows`, `frames`: candidates (v,) of the window and their frames, ascending. `box_sigma`: scatter of the centres of
     boxes, as `BOX_SIGMA`.
     """
-    c, focal = candidates, candidates.focal[frames]
-    own = (box_sigma[0] + box_sigma[1] * (c.size[rows, 1] * focal)) / focal
+    c, focal, seen = candidates, candidates.focal[frames], candidates.table[rows]
+    own = (box_sigma[0] + box_sigma[1] * (seen["size"][:, 1] * focal)) / focal
     sigma = np.hypot(own, DRIFT_RAD * np.sqrt(frames[-1] - frames))
-    late, near = frames[-FITTED_VIEWS:], rows[-FITTED_VIEWS:]
+    late, rays = frames[-FITTED_VIEWS:], seen["ray"]
     point, covariance = triangulate_views(
-        c.rotation[late], c.centre[late], c.ray[near], sigma[-FITTED_VIEWS:]
+        c.rotation[late], c.centre[late], rays[-FITTED_VIEWS:], sigma[-FITTED_VIEWS:]
     )
     if not (np.isfinite(point).all() and np.isfinite(covariance).all()):
         return None
     x, y, depth = ((point - c.centre[frames])[:, :, None] * c.rotation[frames]).sum(axis=1).T
     if not (depth.min() >= LEAST_M and depth.max() <= PARALLEL_M):
         return None
-    u, v = c.ray[rows].T
+    u, v = rays.T
     residual_px = np.hypot((x / depth - u) * focal, (y / depth - v) * focal)
-    metric, spread = metric_size(c.size[rows] * depth[:, None], depth, c.whole[rows])
+    metric, spread = metric_size(seen["size"] * depth[:, None], depth, seen["whole"])
     used = np.arange(len(rows)) >= len(rows) - FITTED_VIEWS
-    of_frame = rows - c.first[frames]
-    return LandmarkFit(
-        frames, of_frame, used, point, covariance, residual_px, depth, metric, spread, sigma, own
-    )
+    views = frames, rows - c.first[frames], seen, used
+    return LandmarkFit(*views, point, covariance, residual_px, depth, metric, spread, sigma, own)
 
 
 def metric_size(sizes: Array, depth: Array, whole: NDArray[np.bool_]) -> tuple[Array, Array]:

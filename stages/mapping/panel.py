@@ -172,7 +172,7 @@ def across_path(point: Array, held: Sequence[WindowFrame], beside: FrenetOffset)
 
 def box_rays(fit: LandmarkFit, held: Sequence[WindowFrame]) -> Array:
     """Rays (v, 2) of the centres of the boxes that a landmark was fitted to."""
-    return np.ascontiguousarray(fit.followed_in(held)["ray"][fit.used])
+    return np.ascontiguousarray(fit.seen["ray"][fit.used])
 
 
 def solve_panel(

@@ -16,7 +16,7 @@ from wayside.stages.geometry import distort_points, ideal_of_rays
 from wayside.stages.kernels import Each
 from wayside.stages.mapping.association import EXPECTED_PX, NEAREST_M
 from wayside.stages.mapping.landmark_fit import LandmarkFit
-from wayside.stages.mapping.window import WindowFrame, WindowPoses, is_whole
+from wayside.stages.mapping.window import WindowFrame, WindowPoses, is_whole, joined
 
 SIGMA_SHARE = 0.15
 """Largest scatter of a predicted box by its height (set on the development drives)."""
@@ -113,6 +113,7 @@ def _extended(
     frames, rows = zip(*new, strict=True)
     depth = np.array([window[k].motion.pose.to_camera(fit.point)[2] for k in frames])
     none, one = np.zeros(len(new)), np.ones(len(new))
+    seen = joined(window[k].followed[row : row + 1] for k, row in new)
     added = {"frames": frames, "rows": rows, "used": none, "residual_px": none}
     added |= {"depth": depth, "weight_sigma": one, "ray_sigma": one}
     order = np.argsort([*fit.frames, *frames], kind="stable")
@@ -122,4 +123,4 @@ def _extended(
     }
     tall_px = fit.metric[1] / depth * [window[k].focal for k in frames]
     missed = max(fit.missed - int((tall_px >= EXPECTED_PX).sum()), 0)
-    return replace(fit, missed=missed, **columns)
+    return replace(fit, seen=joined([fit.seen, seen])[order], missed=missed, **columns)

@@ -172,14 +172,14 @@ class WindowSolver(ABC):
     def _fits(self) -> list[LandmarkFit]:
         """Landmarks of the unassigned candidates, faces before backs."""
         hypotheses, candidates = Hypotheses.joined(self._hypotheses), candidates_of(self._window)
-        free = ~np.concatenate([f.followed["assigned"] for f in self._window])
+        free = ~candidates.table["assigned"]
         return [
             fit
             for back in self.sides
             for fit in accept_greedily(
                 candidates,
                 hypotheses.select(hypotheses.back == back),
-                free & (candidates.back == back),
+                free & (candidates.table["back"] == back),
                 self.settings,
                 self.box_sigma,
             )
@@ -291,10 +291,13 @@ class _Tracker(WindowSolver):
 
     def _surrounded(self, one: _Classified) -> _Classified:
         """The landmark with the evidence of its surroundings, see `surroundings_correlation`."""
-        views = one.fit.views_in(self._window)
-        features = one.evidence.features.copy()
+        images = [self._window[k].rgb for k in one.fit.frames.tolist()]
+        features, views = (
+            one.evidence.features.copy(),
+            zip(images, one.fit.seen["box"], strict=True),
+        )
         features[SURROUNDINGS] = surroundings_correlation(
-            (held.rgb, held.box(row)) for held, row in views if held.rgb is not None
+            (rgb, box) for rgb, box in views if rgb is not None
         )
         return self._classify(one.fit, one.offset, features)
 

@@ -52,11 +52,10 @@ class Face(NamedTuple):
     @classmethod
     def of(cls, fit: LandmarkFit, window: Sequence[WindowFrame]) -> "Face":
         """Of a landmark in its window."""
-        seen = fit.followed_in(window)
-        middle, half = seen["ray"], seen["size"] / 2
+        middle, half = fit.seen["ray"], fit.seen["size"] / 2
         box = np.concatenate([middle - half, middle + half], axis=1)
         number = np.array([window[k].frame.index for k in fit.frames.tolist()])
-        return cls(fit.point, fit.metric, number, box, ~seen["predicted"])
+        return cls(fit.point, fit.metric, number, box, ~fit.seen["predicted"])
 
 
 class FaceBoxes(NamedTuple):

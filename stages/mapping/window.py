@@ -56,7 +56,7 @@ FOLLOWED = np.dtype(
         ("shape", np.float64, len(SHAPES)),  # the same of each shape
         ("whole", np.bool_),  # does not touch the edge of the image
         ("assigned", np.bool_),  # belongs to a finished landmark
-        ("paired", np.bool_, 2),  # meets a candidate of an earlier, of a later frame
+        ("paired", np.uint8, 2),  # whether it meets a candidate of an earlier, of a later frame
         ("standing", np.bool_),  # its landmark was in sight when the frame left the window
     ]
 )
@@ -118,10 +118,6 @@ class WindowFrame:
     def rgb(self) -> NDArray[np.uint8] | None:
         """The image, or None."""
         return self.posed.detections.image.rgb
-
-    def box(self, row: int) -> NDArray[np.float64]:
-        """Box (4,) of a followed candidate, pixels."""
-        return np.asarray(self.followed["box"][row])
 
     def add(self, box: NDArray[np.float32], scores: NDArray[np.float32], *, back: bool) -> range:
         """Follow predicted boxes (n, 4) with their scores (n,), too; their numbers among the followed candidates."""
@@ -213,7 +209,7 @@ def joined(tables: Iterable[NDArray[np.void]]) -> NDArray[np.void]:
 
 
 def unassigned_verdicts(
-    paired: NDArray[np.bool_], standing: NDArray[np.bool_]
+    paired: NDArray[np.uint8 | np.bool_], standing: NDArray[np.bool_]
 ) -> NDArray[np.uint8]:
     """Verdicts (k,) of candidates that no landmark has, paired (k, 2) with an earlier and with a later candidate.
 
@@ -262,14 +258,12 @@ class WindowPoses(NamedTuple):
 
 def candidates_of(window: Sequence[WindowFrame]) -> WindowCandidates:
     """Rays of all followed candidates of consecutive frames."""
-    table = joined(f.followed for f in window)
-    columns = ("ray", "size", "score", "whole", "seed", "back")
     return WindowCandidates(
         *WindowPoses.of(window)[1:],
         np.array([f.focal for f in window]),
         np.stack([f.bounds for f in window]),
         np.cumsum([0, *(len(f.followed) for f in window)], dtype=np.int64),
-        *(np.ascontiguousarray(table[name]) for name in columns),
+        joined(f.followed for f in window),
     )
 
 

@@ -195,7 +195,7 @@ class _Matcher(WindowSolver):
         for fit in passed:
             measured = LandmarkMeasurement(fit.point, fit.covariance, box_panel(fit, self._window))
             views = fit.views_in(self._window)
-            seen = fit.followed_in(self._window)
+            seen = fit.seen
             terms = {
                 "appearance": APPEARANCE * seen["score"].mean(),
                 "views": VIEWS * np.log(len(seen)),
@@ -221,7 +221,7 @@ def _crops(held: WindowFrame, row: int) -> Iterator[Crop]:
     """The pixels around a followed candidate, where the image has pixels."""
     image = held.posed.detections.image.grey
     if image is not None:
-        x0, y0, x1, y1 = held.box(row).tolist()
+        x0, y0, x1, y1 = held.followed["box"][row].tolist()
         right, down = MARGIN * (x1 - x0) + MARGIN_PX, MARGIN * (y1 - y0) + MARGIN_PX
         x, y = max(0, int(x0 - right)), max(0, int(y0 - down))
         part = image[y : int(y1 + down), x : int(x1 + right)].copy()

@@ -6,6 +6,7 @@ from wayside.schemas.models import EvidenceModel
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping.association import WindowCandidates
 from wayside.stages.mapping.landmark_evidence import FEATURES
+from wayside.stages.mapping.window import FOLLOWED
 
 GAP_PX = TrackSettings().gap_px
 
@@ -13,19 +14,17 @@ GAP_PX = TrackSettings().gap_px
 def window(boxes, noise_px=0.0):
     """Window of boxes[frame] = (right, down, depth, width, height, score) in that camera's frame."""
     n, flat = len(boxes), np.array([b for frame in boxes for b in frame], float).reshape(-1, 6)
+    table = np.zeros(len(flat), FOLLOWED)
     noise = np.random.default_rng(2).normal(0, noise_px / 1400, (len(flat), 2))
+    table["ray"], table["size"] = flat[:, :2] / flat[:, 2:3] + noise, flat[:, 3:5] / flat[:, 2:3]
+    table["score"], table["whole"], table["seed"] = flat[:, 5], True, True
     return WindowCandidates(
         rotation=np.repeat(np.eye(3)[None], n, axis=0),
         centre=np.outer(8.0 * np.arange(n), [0, 0, 1]),
         focal=np.full(n, 1400.0),
         bounds=np.repeat([[-0.57, -0.43, 0.57, 0.43]], n, axis=0),
         first=np.cumsum([0, *map(len, boxes)]).astype(np.int64),
-        ray=flat[:, :2] / flat[:, 2:3] + noise,
-        size=flat[:, 3:5] / flat[:, 2:3],
-        score=flat[:, 5].copy(),
-        whole=np.ones(len(flat), bool),
-        seed=np.ones(len(flat), bool),
-        back=np.zeros(len(flat), bool),
+        table=table,
     )
 
 

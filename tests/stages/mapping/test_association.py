@@ -48,12 +48,14 @@ def test_only_plausible_panels_make_hypotheses(first, second, count):
 
 
 def test_a_face_and_a_back_make_no_hypothesis():
-    s = window(standing([PANEL], 2))._replace(back=np.array([False, True]))
+    s = window(standing([PANEL], 2))
+    s.table["back"] = False, True
     assert len(pair_hypotheses(s, range(1), 1, GAP_PX)[0]) == 0
 
 
 def test_candidates_that_are_no_seeds_join_but_make_no_hypothesis():
-    s = window(standing([PANEL], 3))._replace(seed=np.array([False, True, True]))
+    s = window(standing([PANEL], 3))
+    s.table["seed"] = False, True, True
     assert len(pair_hypotheses(s, range(1), 1, GAP_PX)[0]) == 0
     _, found = pair_hypotheses(s, range(1, 2), 2, GAP_PX)
     assert associate(s, found, np.ones(3, bool), GAP_PX).row.tolist() == [[0, 1, 2]]
