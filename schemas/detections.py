@@ -4,7 +4,7 @@ Pixel coordinates; boxes `[x0, y0, x1, y1]`, half open. RGB order.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -77,7 +77,13 @@ def verdict_code(name: str) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """A table whose columns are its fields that are arrays, all of n rows; other fields hold for all rows."""
+    """A table whose columns are its fields that are arrays or tables, of n rows; other fields hold for all rows."""
+
+    def __post_init__(self) -> None:
+        """Refuse columns of different length."""
+        lengths = {name: len(column) for name, column in self.columns().items()}
+        if len(set(lengths.values())) > 1:
+            raise ValueError(f"{type(self).__name__}: columns of different length: {lengths}")
 
     def __len__(self) -> int:
         """Count rows."""
@@ -89,15 +95,20 @@ class Rows:
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """The rows of several, at least one, in that order."""
-        columns = [part.columns() for part in parts]
-        every = {name: np.concatenate([own[name] for own in columns]) for name in columns[0]}
+        """The rows of several, at least one, in that order; columns that only some have are nan in the others."""
+        tables, every = [part.columns() for part in parts], dict[str, Any]()
+        for name, known in {name: own for table in tables for name, own in table.items()}.items():
+            nothing = [np.full((len(p), *np.shape(known)[1:]), np.nan, np.float32) for p in parts]
+            found = [t.get(name, none) for t, none in zip(tables, nothing, strict=True)]
+            join = known.joined if isinstance(known, Rows) else np.concatenate
+            every[name] = join(found)
         return replace(parts[0], **every)
 
-    def columns(self) -> dict[str, NDArray[Any]]:
+    def columns(self) -> dict[str, Any]:
         """The columns by name."""
-        values = {one.name: getattr(self, one.name) for one in fields(self)}
-        return {name: own for name, own in values.items() if isinstance(own, np.ndarray)}
+        names: tuple[str, ...] = self.__slots__
+        values = {name: getattr(self, name) for name in names}
+        return {name: own for name, own in values.items() if isinstance(own, np.ndarray | Rows)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,10 +124,6 @@ class Regions(Rows):
     source: NDArray[np.uint8]
     """Index into `SOURCES`, (n,)."""
 
-    def __post_init__(self) -> None:
-        """Refuse columns of different length."""
-        _same_length(self)
-
     @staticmethod
     def empty() -> "Regions":
         """No rows."""
@@ -130,7 +137,7 @@ def box_centers(box: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True, slots=True)
-class Candidates:
+class Candidates(Rows):
     """Regions with their classification, n rows. No row is dropped: its `verdict` says where it stopped."""
 
     regions: Regions
@@ -158,14 +165,6 @@ class Candidates:
     back_score: NDArray[np.float32] | None = None
     """Log odds of being a panel seen from behind, (n,). nan: not accepted. None: for no row."""
 
-    def __post_init__(self) -> None:
-        """Refuse columns of different length."""
-        _same_length(self)
-
-    def __len__(self) -> int:
-        """Count rows."""
-        return len(self.center)
-
     def open_rows(self) -> NDArray[np.int64]:
         """Rows that are still undecided."""
         return np.flatnonzero(self.verdict == 0)
@@ -175,23 +174,6 @@ class Candidates:
         if self.back_score is None:
             return np.zeros(0, np.int64)
         return np.flatnonzero(~np.isnan(self.back_score))
-
-    def joined(self, others: "Candidates") -> "Candidates":
-        """These rows and then the others; columns that only one of both has are nan in the rows of the other."""
-
-        def column(name: str) -> NDArray[Any] | None:
-            parts = [getattr(self, name), getattr(others, name)]
-            known = next((part for part in parts if part is not None), None)
-            if known is None:
-                return None
-            filled = [
-                np.full((n, *known.shape[1:]), np.nan, np.float32) if p is None else p
-                for p, n in zip(parts, (len(self), len(others)), strict=True)
-            ]
-            return np.concatenate(filled)
-
-        rest = {f.name: column(f.name) for f in fields(self) if f.name != "regions"}
-        return Candidates(Regions.joined([self.regions, others.regions]), **rest)  # type: ignore[arg-type]
 
     def with_verdict(self, rows: NDArray[np.int64], name: str) -> "Candidates":
         """The same with this verdict in `rows` (m,)."""
@@ -340,10 +322,3 @@ class Detections:
     def frame(self) -> Frame:
         """The frame that the image belongs to."""
         return self.segmentation.image.frame
-
-
-def _same_length(table: object) -> None:
-    columns = {f.name: getattr(table, f.name) for f in fields(table)}  # type: ignore[arg-type]
-    lengths = {name: len(column) for name, column in columns.items() if column is not None}
-    if len(set(lengths.values())) > 1:
-        raise ValueError(f"{type(table).__name__}: columns of different length: {lengths}")

@@ -43,15 +43,11 @@ class Observation:
 
 
 class Views(Sequence[Observation]):
-    """The views of a landmark by a table of `COLUMNS`: of a long drive all views of all signs are held."""
+    """The views of a landmark as a table of their numbers: all signs of a drive are held until it ends."""
 
-    COLUMNS = np.dtype("i4, i4, f8, f8, f4, f4, f4, f4, f8")
-    """Numbers of an `Observation`, in their order."""
-
-    __slots__ = ("_table",)
-
-    def __init__(self, columns: Sequence[Iterable[float]]) -> None:
-        self._table = np.fromiter(zip(*columns, strict=True), self.COLUMNS)
+    def __init__(self, *columns: Iterable[float]) -> None:
+        rows = zip(*columns, strict=True)
+        self._table = np.fromiter(rows, np.dtype("i4, i4, f8, f8, f4, f4, f4, f4, f8"))
 
     def __len__(self) -> int:
         """Count views."""

@@ -182,4 +182,4 @@ def observations(fit: LandmarkFit, window: Sequence[WindowFrame]) -> Views:
     """The views of a landmark."""
     seen = fit.seen
     numbers = [window[k].frame.index for k in fit.frames.tolist()]
-    return Views([numbers, seen["candidate"], *seen["ideal"].T, *seen["box"].T, fit.residual_px])
+    return Views(numbers, seen["candidate"], *seen["ideal"].T, *seen["box"].T, fit.residual_px)

@@ -141,7 +141,7 @@ class WindowFrame:
         more = replace(
             more, score=np.where(back, nan, score), back_score=np.where(back, score, nan)
         )
-        return self.candidates.joined(more)
+        return Candidates.joined([self.candidates, more])
 
     def finished(self) -> TrackedFrame:
         """The frame; of candidates that no landmark has, the verdict says how far they went."""

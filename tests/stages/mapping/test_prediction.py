@@ -186,8 +186,8 @@ def test_joined_tables_fill_what_only_one_of_them_has():
     plain = Candidates.of(made_regions([[1, 2, 9, 12]]))
     color, back = np.zeros((1, 8), np.float32), np.array([1.5], np.float32)
     named = replace(plain, color_log_probability=color, back_score=back)
-    both = named.joined(plain)
+    both = Candidates.joined([named, plain])
     assert np.isnan(both.color_log_probability).any(axis=1).tolist() == [False, True]
     assert both.shape_log_probability is None
-    joined = (both, plain.joined(named), plain.joined(plain))
+    joined = both, *(Candidates.joined([plain, other]) for other in (named, plain))
     assert [table.back_rows().tolist() for table in joined] == [[0], [1], []]
