@@ -132,7 +132,7 @@ def build_landmark(
     A back has no colour of a sign. Its shape is the shape of the outline of its panel, where this is known.
     """
     best, panel = best_view(fit.seen), measured.panel
-    views = observations(fit, window)
+    views = observations(fit)
     frame = window[fit.frames[best]]
     pose = frame.motion.pose
     if fit.back:
@@ -178,8 +178,8 @@ def best_view(seen: NDArray[np.void]) -> int:
     return int(np.lexsort((-seen["size"].prod(axis=1), ~seen["whole"]))[0])
 
 
-def observations(fit: LandmarkFit, window: Sequence[WindowFrame]) -> Views:
+def observations(fit: LandmarkFit) -> Views:
     """The views of a landmark."""
     seen = fit.seen
-    numbers = [window[k].frame.index for k in fit.frames.tolist()]
-    return Views(numbers, seen["candidate"], *seen["ideal"].T, *seen["box"].T, fit.residual_px)
+    number, ideal, box = (seen[name].T for name in ("image", "ideal", "box"))
+    return Views(number, seen["candidate"], *ideal, *box, fit.residual_px)

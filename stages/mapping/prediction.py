@@ -6,7 +6,7 @@ pixel or two in the others.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,16 +65,10 @@ def add_predicted_views(
     ]
 
 
-class PredictedBoxes(NamedTuple):
-    """Boxes (m, 4) in recorded pixels, by frame, each with its landmark (m,) and its frame (m,), numbers from 0."""
-
-    landmark: NDArray[np.int64]
-    frame: NDArray[np.int64]
-    box: NDArray[np.float32]
-
-
-def predicted_boxes(fits: Sequence[LandmarkFit], window: Sequence[WindowFrame]) -> PredictedBoxes:
-    """Boxes of landmarks in the frames that have no candidate of them.
+def predicted_boxes(
+    fits: Sequence[LandmarkFit], window: Sequence[WindowFrame]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]:
+    """Landmark (m,), frame (m,), ascending, and box (m, 4), px, where a frame has no candidate of a landmark.
 
     But for those that are cut, too near, or no face by their size, or whose scatter there is too large.
     """
@@ -103,7 +97,7 @@ def predicted_boxes(fits: Sequence[LandmarkFit], window: Sequence[WindowFrame]) 
         pixels = distort_points(camera, ideal).reshape(-1, 4, 2)
         box[own] = np.hstack([pixels.min(axis=1), pixels.max(axis=1)]) + 0.5
         good[own] = is_whole(box[own], camera) & fits_face(box[own], camera)
-    return PredictedBoxes(landmark[good], frame[good], box[good].astype(np.float32))
+    return landmark[good], frame[good], box[good].astype(np.float32)
 
 
 def _extended(

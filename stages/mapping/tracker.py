@@ -39,7 +39,6 @@ from wayside.stages.mapping.prediction import add_predicted_views
 from wayside.stages.mapping.surroundings import surroundings_correlation
 from wayside.stages.mapping.verdicts import (
     VERDICT_OF_TERM,
-    Face,
     FaceBoxes,
     in_swept_volume,
     same_face,
@@ -255,7 +254,7 @@ class _Tracker(WindowSolver):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._places = {back: SignPlaces() for back in self.sides}
-        self._reported: list[Face] = []
+        self._reported: list[LandmarkFit] = []
         self._images: WindowPoses
         self._taken: FaceBoxes
         """Where the reported ones are in these images."""
@@ -268,7 +267,8 @@ class _Tracker(WindowSolver):
         self._taken = FaceBoxes.of(self._reported, self._images)
         views = {back: side.view for back, side in self.sides.items() if side.view is not None}
         ranked = self._ranked(add_predicted_views(passed, self._window, views, self.each))
-        boxes, rivals = self._boxes([one.fit for one in ranked]), self._boxes(ahead)
+        boxes = FaceBoxes.of([one.fit for one in ranked], self._images)
+        rivals = FaceBoxes.of(ahead, self._images)
         settled = []
         for k, one in enumerate(ranked):
             near = np.flatnonzero(one.accepted and same_face(boxes.select(k), rivals))
@@ -361,7 +361,7 @@ class _Tracker(WindowSolver):
         if verdict == "sign":
             # Its panel as it was measured: boxes around a sign and its plaque would make the plaque a duplicate.
             size = np.array([landmark.width_m, landmark.height_m])
-            face = Face.of(fit, self._window)._replace(point=measured.point, metric=size)
+            face = replace(fit, point=measured.point, metric=size)
             self._reported.append(face)
             self._taken = self._taken.joined(FaceBoxes.of([face], self._images))
             self._places[fit.back].add(one.offset, evidence.best_score)
@@ -370,7 +370,3 @@ class _Tracker(WindowSolver):
             self._window[fit.frames[0]].measurements.append(
                 Measurement(number, seen.views, seen.segments, shape, seen.face, measured.residual)
             )
-
-    def _boxes(self, fits: Sequence[LandmarkFit]) -> FaceBoxes:
-        """Where landmarks are in the images of the window."""
-        return FaceBoxes.of([Face.of(fit, self._window) for fit in fits], self._images)

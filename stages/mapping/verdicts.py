@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from wayside.stages.geometry import FrenetOffset, box_areas
 from wayside.stages.mapping.association import NEAREST_M
 from wayside.stages.mapping.landmark_fit import LandmarkFit
-from wayside.stages.mapping.window import WindowFrame, WindowPoses
+from wayside.stages.mapping.window import WindowPoses, joined
 
 VERDICT_OF_TERM = {
     "appearance": "place_score",
@@ -37,27 +37,6 @@ def in_swept_volume(fit: LandmarkFit, offset: FrenetOffset) -> bool:
     return bool(abs(offset.right) < SWEPT_HALF_WIDTH_M and bottom < SWEPT_HEIGHT_M)
 
 
-class Face(NamedTuple):
-    """A landmark as the pixels that it explains: point (3,), size (2,) in metres, and its v views.
-
-    Of the views: `number` (v,) of the image, `box` (v, 4) as rays, `measured` (v,): not a predicted one.
-    """
-
-    point: NDArray[np.float64]
-    metric: NDArray[np.float64]
-    number: NDArray[np.int64]
-    box: NDArray[np.float64]
-    measured: NDArray[np.bool_]
-
-    @classmethod
-    def of(cls, fit: LandmarkFit, window: Sequence[WindowFrame]) -> "Face":
-        """Of a landmark in its window."""
-        middle, half = fit.seen["ray"], fit.seen["size"] / 2
-        box = np.concatenate([middle - half, middle + half], axis=1)
-        number = np.array([window[k].frame.index for k in fit.frames.tolist()])
-        return cls(fit.point, fit.metric, number, box, ~fit.seen["predicted"])
-
-
 class FaceBoxes(NamedTuple):
     """Where a landmark is in n images: box (n, 4) as rays, all 0 where it cannot be seen; seen, measured (n,).
 
@@ -74,24 +53,26 @@ class FaceBoxes(NamedTuple):
         return cls(np.zeros((*shape, 4)), np.zeros(shape, np.bool_), np.zeros(shape, np.bool_))
 
     @classmethod
-    def of(cls, faces: Sequence[Face], images: WindowPoses) -> "FaceBoxes":
+    def of(cls, fits: Sequence[LandmarkFit], images: WindowPoses) -> "FaceBoxes":
         """Of k landmarks in the images of a window: as seen, else where they must be."""
-        found = cls.none(len(faces), len(images.number))
-        if not faces:
+        found = cls.none(len(fits), len(images.number))
+        if not fits:
             return found
-        point, metric = np.stack([f.point for f in faces]), np.stack([f.metric for f in faces])
+        point, metric = np.stack([f.point for f in fits]), np.stack([f.metric for f in fits])
         local = ((point[:, None] - images.centre)[:, :, None] @ images.rotation)[:, :, 0]
         depth = np.where(local[..., 2:] > NEAREST_M, local[..., 2:], np.inf)
         centre, half = local[..., :2] / depth, metric[:, None] / depth / 2
         found.box[:] = np.concatenate([centre - half, centre + half], axis=2)
-        number = np.concatenate([f.number for f in faces])
-        of = np.repeat(np.arange(len(faces)), [len(f.number) for f in faces])
-        held = np.searchsorted(images.number, number)
-        view = np.flatnonzero(np.append(images.number, -1)[held] == number)
-        of, held = of[view], held[view]
-        found.box[of, held] = np.concatenate([f.box for f in faces])[view]
-        found.measured[of, held] = np.concatenate([f.measured for f in faces])[view]
-        found.seen[of, held] = True
+        of, seen = (
+            np.repeat(np.arange(len(fits)), [len(f.seen) for f in fits]),
+            joined(f.seen for f in fits),
+        )
+        at = np.searchsorted(images.number, seen["image"])
+        held = np.flatnonzero(np.append(images.number, -1)[at] == seen["image"])
+        of, at, seen = of[held], at[held], seen[held]
+        middle, half = seen["ray"], seen["size"] / 2
+        found.box[of, at] = np.concatenate([middle - half, middle + half], axis=1)
+        found.seen[of, at], found.measured[of, at] = True, ~seen["predicted"]
         return found
 
     def select(self, rows: Sequence[int] | int) -> "FaceBoxes":

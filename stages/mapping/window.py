@@ -38,6 +38,7 @@ EDGE_PX = 2.0
 """A box nearer to the edge of the image than this is taken as cut."""
 FOLLOWED = np.dtype(
     [
+        ("image", np.int64),  # index of the frame in the log
         ("candidate", np.int64),  # row among the candidates of the image
         ("back", np.bool_),  # followed as the back of a panel; a row may be followed as a face, too
         ("seed", np.bool_),  # may form hypotheses
@@ -95,7 +96,7 @@ class WindowFrame:
         rows = np.concatenate([faces, backs])
         back = np.arange(len(rows)) >= len(faces)
         followed = followed_table(camera, table.regions.box[rows], table.ideal[rows], back)
-        followed["candidate"] = rows
+        followed["image"], followed["candidate"] = posed.frame.index, rows
         followed["seed"] = back | (table.verdict[rows] != verdict_code("score"))
         followed["score"] = np.nan_to_num(np.concatenate([s for s in score if s is not None]))
         for name in ("color", "shape"):
@@ -125,7 +126,7 @@ class WindowFrame:
         rows, before = followed_table(self.camera, box, ideal, back), len(self.followed)
         rows["predicted"], rows["score"] = True, scores
         first = len(self.candidates) + np.count_nonzero(self.followed["predicted"])
-        rows["candidate"] = first + np.arange(len(box))
+        rows["image"], rows["candidate"] = self.frame.index, first + np.arange(len(box))
         self.followed = joined([self.followed, rows])
         return range(before, len(self.followed))
 

@@ -77,18 +77,19 @@ def test_the_box_of_a_known_landmark_is_predicted_where_the_panel_stands():
     held = holding(shown([Panel(3.5, 1.2, 100.0, wide=0.6, tall=0.9)], 11))
     fit = fit_of(held)
     for k in (5, 6, 7, 8):
-        found = predicted_boxes([replace(fit, frames=fit.frames[fit.frames != k])], held)
-        (box,) = found.box[found.frame == k]
-        np.testing.assert_allclose(box, held[k].candidates.regions.box[0], atol=0.02)
+        unseen = replace(fit, frames=fit.frames[fit.frames != k])
+        _, frame, box = predicted_boxes([unseen], held)
+        assert frame.tolist() == [k]
+        np.testing.assert_allclose(box, held[k].candidates.regions.box, atol=0.02)
 
 
 def test_a_landmark_of_large_scatter_is_not_predicted(near_only):
     held = holding(near_only)
     fit = fit_of(held)
     unsure = replace(fit, covariance=fit.covariance * 1e4)
-    found = predicted_boxes([unsure, fit], held)
-    assert 6 in found.frame
-    assert set(found.landmark) == {1}
+    landmark, frame, _ = predicted_boxes([unsure, fit], held)
+    assert 6 in frame
+    assert set(landmark) == {1}
 
 
 def test_a_view_too_small_to_be_searched_for_is_not_predicted():
