@@ -89,7 +89,7 @@ class Rows:
         """Count rows."""
         return len(next(iter(self.columns().values())))
 
-    def select(self, rows: NDArray[Any]) -> Self:
+    def select(self, rows: Any) -> Self:
         """Those rows, in that order."""
         return replace(self, **{name: own[rows] for name, own in self.columns().items()})
 
@@ -98,8 +98,10 @@ class Rows:
         """The rows of several, at least one, in that order; columns that only some have are nan in the others."""
         tables, every = [part.columns() for part in parts], dict[str, Any]()
         for name, known in {name: own for table in tables for name, own in table.items()}.items():
-            nothing = [np.full((len(p), *np.shape(known)[1:]), np.nan, np.float32) for p in parts]
-            found = [t.get(name, none) for t, none in zip(tables, nothing, strict=True)]
+            found: list[Any] = [
+                t[name] if name in t else np.full((len(p), *known.shape[1:]), np.nan, np.float32)
+                for p, t in zip(parts, tables, strict=True)
+            ]
             join = known.joined if isinstance(known, Rows) else np.concatenate
             every[name] = join(found)
         return replace(parts[0], **every)

@@ -4,12 +4,13 @@ Rays are ideal image coordinates (x/z, y/z); sizes are in the same unit, so that
 frames of a window share one world: that of the chained motion.
 """
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.schemas.detections import Rows
 from wayside.stages.geometry import Midpoints, pair_midpoint
 from wayside.stages.kernels import compiled
 from wayside.stages.mapping.triangulation import projected
@@ -61,23 +62,13 @@ class WindowCandidates(NamedTuple):
     """With the columns of `window.FOLLOWED`, (N,)."""
 
 
-class Hypotheses(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Hypotheses(Rows):
     """Landmarks to try: point (m, 3) in the world, size (m, 2) metres, back (m,): of backs, not of faces."""
 
     point: NDArray[np.float64]
     size: NDArray[np.float64]
     back: NDArray[np.bool_]
-
-    @staticmethod
-    def joined(parts: "Sequence[Hypotheses]") -> "Hypotheses":
-        """The hypotheses of all parts, in their order."""
-        none = Hypotheses(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0, np.bool_))
-        columns = zip(none, *parts, strict=True)
-        return Hypotheses._make(np.concatenate(column) for column in columns)
-
-    def select(self, rows: NDArray[Any]) -> "Hypotheses":
-        """Some of them."""
-        return Hypotheses._make(column[rows] for column in self)
 
 
 class Association(NamedTuple):
@@ -155,23 +146,24 @@ def associate(
     m, n = len(hypotheses.point), len(candidates.rotation)
     row, state = np.full((m, n), -1, np.int32), np.zeros((m, n), np.uint8)
     found = Association(row, state, np.zeros(m))
-    _associate(candidates, hypotheses, free, gap_px, found)
+    _associate(candidates, hypotheses.point, hypotheses.size, free, gap_px, found)
     return found
 
 
 @compiled
 def _associate(
     c: WindowCandidates,
-    hypotheses: Hypotheses,
+    point: NDArray[np.float64],
+    size: NDArray[np.float64],
     free: NDArray[np.bool_],
     gap_px: float,
     found: Association,
 ) -> None:
     rays, sizes, scores = c.table["ray"], c.table["size"], c.table["score"]
-    for m in range(hypotheses.point.shape[0]):
-        wide, tall = hypotheses.size[m, 0], hypotheses.size[m, 1]
+    for m in range(point.shape[0]):
+        wide, tall = size[m, 0], size[m, 1]
         for n in range(c.rotation.shape[0]):
-            x, y, z = projected(hypotheses.point[m], c.rotation[n], c.centre[n])
+            x, y, z = projected(point[m], c.rotation[n], c.centre[n])
             if not NEAREST_M < z < FARTHEST_M:
                 continue
             left, top, right, bottom = c.bounds[n]

@@ -1,6 +1,5 @@
 """Landmarks fitted to their views, point, covariance and metric size, and accepted best first."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +9,6 @@ from wayside.schemas.settings import TrackSettings
 from wayside.stages.kernels import Array
 from wayside.stages.mapping.association import MISSED, Hypotheses, WindowCandidates, associate
 from wayside.stages.mapping.triangulation import triangulate_views
-from wayside.stages.mapping.window import WindowFrame
 
 MAD_TO_SIGMA = 1.4826
 """Standard deviation over median absolute deviation of normal errors."""
@@ -72,11 +70,6 @@ class LandmarkFit:
     def rms_px(self) -> float:
         """RMS of the residuals of the views that were used."""
         return float(np.sqrt((self.residual_px[self.used] ** 2).mean()))
-
-    def views_in(self, window: Sequence[WindowFrame]) -> list[tuple[WindowFrame, int]]:
-        """The frames of its views, each with the row of its candidate."""
-        views = zip(self.frames.tolist(), self.rows.tolist(), strict=True)
-        return [(window[frame], row) for frame, row in views]
 
 
 def accept_greedily(

@@ -193,7 +193,7 @@ class WindowSolver(ABC):
         recent = self._window[-1 - self.reach :]
         newest = len(recent) - 1
         if newest == 0:
-            return Hypotheses.joined([])
+            return Hypotheses(np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0, np.bool_))
         candidates = candidates_of(recent)
         first, gap_px, likely = candidates.first, self.settings.gap_px, self._likely(recent)
         pairs, found = pair_hypotheses(candidates, range(newest), newest, gap_px, likely)
@@ -230,8 +230,8 @@ class WindowSolver(ABC):
         )
         landmark = replace(landmark, **more)
         self._window[fit.frames[0]].landmarks.append(landmark)
-        for held, row in fit.views_in(self._window):
-            held.followed["assigned"][row] = True
+        for k, row in zip(fit.frames.tolist(), fit.rows.tolist(), strict=True):
+            self._window[k].followed["assigned"][row] = True
         self._next_id += 1
         return landmark
 
@@ -316,7 +316,7 @@ class _Tracker(WindowSolver):
         likely, taken = [], self._taken
         for k, one in enumerate(ranked):
             if self._verdict(one, boxes.select(k), taken) == "sign":
-                taken = taken.joined(boxes.select([k]))
+                taken = FaceBoxes.joined([taken, boxes.select(slice(k, k + 1))])
                 likely.append(k)
         found = self.each(self._measured, [ranked[k] for k in likely])
         measured = dict(zip(likely, found, strict=True))
@@ -363,7 +363,7 @@ class _Tracker(WindowSolver):
             size = np.array([landmark.width_m, landmark.height_m])
             face = replace(fit, point=measured.point, metric=size)
             self._reported.append(face)
-            self._taken = self._taken.joined(FaceBoxes.of([face], self._images))
+            self._taken = FaceBoxes.joined([self._taken, FaceBoxes.of([face], self._images)])
             self._places[fit.back].add(one.offset, evidence.best_score)
         if seen.views or measured.residual is not None:
             number, shape = landmark.track_id, None if seen.outline is None else seen.outline.shape

@@ -5,11 +5,12 @@ below the threshold, it is the verdict of the weakest term (`VERDICT_OF_TERM`). 
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.schemas.detections import Rows
 from wayside.stages.geometry import FrenetOffset, box_areas
 from wayside.stages.mapping.association import NEAREST_M
 from wayside.stages.mapping.landmark_fit import LandmarkFit
@@ -37,7 +38,8 @@ def in_swept_volume(fit: LandmarkFit, offset: FrenetOffset) -> bool:
     return bool(abs(offset.right) < SWEPT_HALF_WIDTH_M and bottom < SWEPT_HEIGHT_M)
 
 
-class FaceBoxes(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class FaceBoxes(Rows):
     """Where a landmark is in n images: box (n, 4) as rays, all 0 where it cannot be seen; seen, measured (n,).
 
     The same of k landmarks has one axis more in front.
@@ -74,14 +76,6 @@ class FaceBoxes(NamedTuple):
         found.box[of, at] = np.concatenate([middle - half, middle + half], axis=1)
         found.seen[of, at], found.measured[of, at] = True, ~seen["predicted"]
         return found
-
-    def select(self, rows: Sequence[int] | int) -> "FaceBoxes":
-        """Those of the landmarks."""
-        return FaceBoxes._make(column[rows] for column in self)
-
-    def joined(self, others: "FaceBoxes") -> "FaceBoxes":
-        """These landmarks and then the others."""
-        return FaceBoxes._make(map(np.concatenate, zip(self, others, strict=True)))
 
 
 def same_face(one: FaceBoxes, other: FaceBoxes) -> NDArray[np.bool_]:

@@ -194,7 +194,7 @@ class _Matcher(WindowSolver):
         """Give landmarks to their frames; SIFT points measure those that a gate accepts."""
         for fit in passed:
             measured = LandmarkMeasurement(fit.point, fit.covariance, box_panel(fit, self._window))
-            views = fit.views_in(self._window)
+            views = [(self._window[k], row) for k, row in zip(fit.frames, fit.rows, strict=True)]
             seen = fit.seen
             terms = {
                 "appearance": APPEARANCE * seen["score"].mean(),

@@ -20,8 +20,8 @@ def paired(boxes):
     return pair_hypotheses(window(boxes), range(1), len(boxes) - 1, GAP_PX)
 
 
-def hypothesis(point, size):
-    return Hypotheses(np.array([point]), np.array([size]), np.zeros(1, bool))
+def hypothesis(point=PANEL[:3]):
+    return Hypotheses(np.array([point]), np.array([[0.7, 0.7]]), np.zeros(1, bool))
 
 
 def test_a_hypothesis_lies_where_the_rays_meet():
@@ -62,7 +62,7 @@ def test_candidates_that_are_no_seeds_join_but_make_no_hypothesis():
 
 
 def test_assigned_candidates_are_not_associated_and_missed():
-    s, landmark = window(standing([PANEL], 3)), hypothesis(PANEL[:3], [0.7, 0.7])
+    s, landmark = window(standing([PANEL], 3)), hypothesis()
     all_free = associate(s, landmark, np.ones(3, bool), GAP_PX)
     found = associate(s, landmark, np.array([True, False, True]), GAP_PX)
     assert found.row.tolist() == [[0, -1, 2]]
@@ -74,18 +74,16 @@ def test_assigned_candidates_are_not_associated_and_missed():
 def test_of_two_boxes_at_the_point_the_better_scored_is_associated():
     boxes = standing([PANEL], 2)
     boxes[0].append((3.5, -1.0, 60.0, 0.71, 0.71, 3.0))
-    landmark = hypothesis(PANEL[:3], [0.7, 0.7])
-    found = associate(window(boxes), landmark, np.ones(3, bool), GAP_PX)
+    found = associate(window(boxes), hypothesis(), np.ones(3, bool), GAP_PX)
     assert found.row.tolist() == [[1, 2]]
 
 
 def test_a_point_outside_the_image_is_not_expected():
-    landmark = hypothesis([6.0, -1.0, 30.0], [0.7, 0.7])
+    landmark = hypothesis([6.0, -1.0, 30.0])
     found = associate(window([[], [], [], []]), landmark, np.zeros(0, bool), GAP_PX)
     assert found.state.tolist() == [[MISSED, MISSED, MISSED, 0]]
 
 
 def test_a_length_that_the_kernel_would_run_over_is_refused():
-    landmark = hypothesis(PANEL[:3], [0.7, 0.7])
     with pytest.raises(ValueError, match="free has shape"):
-        associate(window(standing([PANEL], 3)), landmark, np.ones(2, bool), GAP_PX)
+        associate(window(standing([PANEL], 3)), hypothesis(), np.ones(2, bool), GAP_PX)

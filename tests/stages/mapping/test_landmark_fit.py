@@ -17,10 +17,9 @@ def accepted(panels, fewest=3, noise_px=0.0):
     candidates = window(standing(panels, FRAMES), noise_px)
     pairs = [(range(max(0, k - 3), k), k) for k in range(1, FRAMES)]
     found = [pair_hypotheses(candidates, *pair, GAP_PX)[1] for pair in pairs]
-    hypotheses = Hypotheses.joined(found)
     free = np.ones(len(candidates.table), bool)
     settings = replace(TrackSettings(), fewest_views=fewest)
-    return accept_greedily(candidates, hypotheses, free, settings)
+    return accept_greedily(candidates, Hypotheses.joined(found), free, settings)
 
 
 def test_the_best_landmark_comes_first_and_each_candidate_serves_once():
