@@ -20,6 +20,7 @@ from wayside.schemas.detections import COLORS, NONE, SHAPES
 from wayside.schemas.models import EvidenceModel
 from wayside.stages.classifiers import evidence_ratios
 from wayside.stages.geometry import FrenetOffset
+from wayside.stages.kernels import Array
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.window import WindowFrame
 
@@ -74,31 +75,30 @@ class SignPlaces:
     show sharpens it for later ones on the same drive.
     """
 
-    known: list[tuple[float, float, float, float]] = field(default_factory=list)
-    """Places so far: right, above, station, metres, and weight."""
+    known: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 4)))
+    """Places so far: right, above, station, metres, and weight, (n, 4)."""
 
     def add(self, offset: FrenetOffset, score: float) -> None:
         """Count a landmark by its box score, not by all evidence: its own place must not confirm itself."""
         weight = 1 / (1 + exp(SURE - score))
-        self.known.append((offset.right, offset.above, offset.station, weight))
+        row = offset.right, offset.above, offset.station, weight
+        self.known = np.vstack([self.known, row])
 
     def log_density(self, offset: FrenetOffset) -> float:
         """Logarithm of the density of signs, per square metre across the path, at an offset from it."""
         right, above = offset.right, offset.above
         aside = 1 / (1 + ((abs(right) - ASIDE_M) / ASIDE_WIDTH_M) ** 2) / (2 * pi * ASIDE_WIDTH_M)
-        prior = max(aside * _normal(above - ABOVE_M, ABOVE_SIGMA_M), LEAST_DENSITY)
+        prior = max(aside * float(_normal(above - ABOVE_M, ABOVE_SIGMA_M)), LEAST_DENSITY)
         sigma = max(LIKE_RIGHT_M, LIKE_RIGHT_SHARE * abs(right))
-        total, signs = PRIOR_SIGNS * prior, PRIOR_SIGNS
-        for other_right, other_above, station, weight in self.known:
-            if abs(station - offset.station) > SAME_M or abs(other_right - right) > SAME_M:
-                near = _normal(other_right - right, sigma)
-                total += weight * near * _normal(other_above - above, LIKE_ABOVE_M)
-                signs += weight
-        return log(total / signs)
+        gap, above_of, station, weight = (self.known - (right, 0.0, offset.station, 0.0)).T
+        weight = weight * (np.maximum(np.abs(station), np.abs(gap)) > SAME_M)
+        near = _normal(gap, sigma) * _normal(above_of - above, LIKE_ABOVE_M)
+        total = PRIOR_SIGNS * prior + weight @ near
+        return log(total / (PRIOR_SIGNS + weight.sum()))
 
 
-def _normal(gap: float, sigma: float) -> float:
-    return exp(-0.5 * (gap / sigma) ** 2) / (sigma * sqrt(2 * pi))
+def _normal(gap: Array | float, sigma: float) -> Array:
+    return np.asarray(np.exp(-0.5 * (gap / sigma) ** 2) / (sigma * sqrt(2 * pi)))
 
 
 @dataclass(frozen=True, slots=True)

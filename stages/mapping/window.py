@@ -180,7 +180,7 @@ def face_rows(table: Candidates) -> NDArray[np.int64]:
     a weak far view may join it.
     """
     weak = (table.verdict == verdict_code("score")) & (table.score >= WEAKEST_SCORE)
-    seen = np.isin(table.verdict, [verdict_code("open"), verdict_code("overlap")])
+    seen = (table.verdict == verdict_code("open")) | (table.verdict == verdict_code("overlap"))
     return np.flatnonzero(seen | weak)
 
 
