@@ -256,23 +256,20 @@ class _Tracker(WindowSolver):
         self._places = {back: SignPlaces() for back in self.sides}
         self._reported: list[LandmarkFit] = []
         self._images: WindowPoses
-        self._taken: FaceBoxes
-        """Where the reported ones are in these images."""
 
     def _settle(self, passed: list[LandmarkFit], ahead: list[LandmarkFit]) -> None:
         """Most likely signs first; one waits where another that may be a sign, on the same pixels, is in sight."""
         oldest = self._window[0].motion.pose
         self._reported = [one for one in self._reported if not oldest.to_camera(one.point)[2] < 0]
         self._images = WindowPoses.of(self._window)
-        self._taken = FaceBoxes.of(self._reported, self._images)
         views = {back: side.view for back, side in self.sides.items() if side.view is not None}
         ranked = self._ranked(add_predicted_views(passed, self._window, views, self.each))
         boxes = FaceBoxes.of([one.fit for one in ranked], self._images)
-        rivals = FaceBoxes.of(ahead, self._images)
-        settled = []
+        near = same_face(boxes.select(np.s_[:, None]), FaceBoxes.of(ahead, self._images))
+        settled = list[int]()
         for k, one in enumerate(ranked):
-            near = np.flatnonzero(one.accepted and same_face(boxes.select(k), rivals))
-            if any(self._seen(ahead[other]).accepted for other in near):
+            rivals = np.flatnonzero(near[k] & one.accepted)
+            if any(self._seen(ahead[other]).accepted for other in rivals):
                 ahead.append(one.fit)
             else:
                 settled.append(k)
@@ -313,10 +310,13 @@ class _Tracker(WindowSolver):
 
         Those that will be signs unless a surer one changes that are measured together beforehand.
         """
-        likely, taken = [], self._taken
+        likely, each = list[int](), boxes.select(np.s_[:, None])
+        reported = FaceBoxes.of(self._reported, self._images)
+        explained = np.asarray(same_face(each, reported).any(axis=1))
+        then = explained.copy()
         for k, one in enumerate(ranked):
-            if self._verdict(one, boxes.select(k), taken) == "sign":
-                taken = FaceBoxes.joined([taken, boxes.select(slice(k, k + 1))])
+            if self._verdict(one, explained=then[k]) == "sign":
+                then |= same_face(boxes.select(k), boxes)
                 likely.append(k)
         found = self.each(self._measured, [ranked[k] for k in likely])
         measured = dict(zip(likely, found, strict=True))
@@ -324,20 +324,22 @@ class _Tracker(WindowSolver):
             now = self._classify(one.fit, one.offset, one.evidence.features.copy())
             if now.accepted and np.isnan(now.evidence.features[SURROUNDINGS]):
                 now = self._surrounded(now)
-            verdict = self._verdict(now, boxes.select(k), self._taken)
+            verdict = self._verdict(now, explained=explained[k])
             if verdict == "sign":
                 self._finish(now, *(measured.get(k) or self._measured(now)))
+                newest = FaceBoxes.of(self._reported[-1:], self._images)
+                explained |= same_face(each, newest).any(axis=1)
             else:
                 by_boxes = measure_landmark(one.fit, self._window)
                 self._finish(now, verdict, by_boxes, PanelMeasurement())
 
-    def _verdict(self, one: _Classified, boxes: FaceBoxes, taken: FaceBoxes) -> str:
-        """The verdict on a landmark in these boxes by all but the images, where `taken` are signs."""
+    def _verdict(self, one: _Classified, *, explained: np.bool_) -> str:
+        """The verdict on a landmark by all but the images; `explained`: a sign is on its pixels."""
         if in_swept_volume(one.fit, one.offset):
             return "moving"
         if not one.accepted:
             return VERDICT_OF_TERM[one.evidence.weakest]
-        return "duplicate" if same_face(boxes, taken).any() else "sign"
+        return "duplicate" if explained else "sign"
 
     def _measured(self, one: _Classified) -> tuple[str, LandmarkMeasurement, PanelMeasurement]:
         """A landmark that may be a sign, and its panel, with the verdict of its images; nothing else changes."""
@@ -363,7 +365,6 @@ class _Tracker(WindowSolver):
             size = np.array([landmark.width_m, landmark.height_m])
             face = replace(fit, point=measured.point, metric=size)
             self._reported.append(face)
-            self._taken = FaceBoxes.joined([self._taken, FaceBoxes.of([face], self._images)])
             self._places[fit.back].add(one.offset, evidence.best_score)
         if seen.views or measured.residual is not None:
             number, shape = landmark.track_id, None if seen.outline is None else seen.outline.shape
