@@ -1,6 +1,6 @@
 """Landmarks measured over several frames, and frames whose candidates are all decided."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -45,8 +45,8 @@ class Observation:
 class Views(Sequence[Observation]):
     """The views of a landmark as a table of their numbers: all signs of a drive are held until it ends."""
 
-    def __init__(self, *columns: Iterable[float]) -> None:
-        rows = zip(*columns, strict=True)
+    def __init__(self, *columns: NDArray[Any]) -> None:
+        rows = zip(*(column.tolist() for column in columns), strict=True)
         self._table = np.fromiter(rows, np.dtype("i4, i4, f8, f8, f4, f4, f4, f4, f8"))
 
     def __len__(self) -> int:

@@ -80,7 +80,7 @@ class Association(NamedTuple):
 
     def views(self) -> NDArray[np.intp]:
         """Number of frames each hypothesis is seen in, (m,)."""
-        return np.asarray(np.count_nonzero(self.row >= 0, axis=1))
+        return np.asarray((self.row >= 0).sum(axis=1))
 
 
 def pair_hypotheses(
@@ -99,8 +99,8 @@ def pair_hypotheses(
     c, ray, size = candidates, candidates.table["ray"], candidates.table["size"]
     if likely is None:
         spans = c.first[[[older.start, older.stop], [newer, newer + 1]]].tolist()
-        seeds = [first + np.flatnonzero(c.table["seed"][first:end]) for first, end in spans]
-        likely = np.stack(np.meshgrid(*seeds, indexing="ij"), axis=-1).reshape(-1, 2)
+        one, two = (first + np.flatnonzero(c.table["seed"][first:end]) for first, end in spans)
+        likely = np.stack([np.repeat(one, len(two)), np.tile(two, len(one))], axis=1)
     back = c.table["back"][likely]
     i, j = likely[back[:, 0] == back[:, 1]].T
     # in the newer camera's frame: its axes tell where a panel is plausible

@@ -92,13 +92,14 @@ class WindowFrame:
         """What tracking needs of a frame."""
         table = posed.detections.candidates
         faces, backs = face_rows(table), table.back_rows()
-        score = [table.score[faces], None if table.back_score is None else table.back_score[backs]]
+        score, behind = table.score[faces], table.back_score
         rows = np.concatenate([faces, backs])
         back = np.arange(len(rows)) >= len(faces)
         followed = followed_table(camera, table.regions.box[rows], table.ideal[rows], back)
         followed["image"], followed["candidate"] = posed.frame.index, rows
         followed["seed"] = back | (table.verdict[rows] != verdict_code("score"))
-        followed["score"] = np.nan_to_num(np.concatenate([s for s in score if s is not None]))
+        score = score if behind is None else np.concatenate([score, behind[backs]])
+        followed["score"] = np.where(np.isnan(score), 0.0, score)
         for name in ("color", "shape"):
             known = getattr(table, f"{name}_log_probability")
             if known is not None:
@@ -230,9 +231,9 @@ def ideal_size(box: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
     """
     x0, y0, x1, y1 = (box - 0.5).T
     u, v = (x0 + x1) / 2, (y0 + y1) / 2
-    ends = np.concatenate([np.stack(pair, axis=1) for pair in ((x0, v), (x1, v), (u, y0), (u, y1))])
-    left, right, top, bottom = to_rays(camera, ends).reshape(4, len(box), 2)
-    return np.stack([right[:, 0] - left[:, 0], bottom[:, 1] - top[:, 1]], 1)
+    ends = np.stack([x0, v, u, y0, x1, v, u, y1], axis=1).reshape(-1, 2)
+    sides = to_rays(camera, ends).reshape(len(box), 2, 4)
+    return np.asarray((sides[:, 1] - sides[:, 0])[:, [0, 3]])
 
 
 def image_bounds(camera: Camera) -> NDArray[np.float64]:
