@@ -89,7 +89,7 @@ boxes were accepted by the threshold that runs have; number of the drive; what t
 it was rendered."""
 
 Samples = np.recarray[Any, Any]
-Row = tuple[tuple[float, ...], int, bool, bool]
+Row = tuple[Sequence[float], int, bool, bool]
 """The first four of `SAMPLE`."""
 
 
