@@ -30,7 +30,7 @@ class PanelView:
 
     frame: int
     """Index of the frame in the log."""
-    rgb: NDArray[np.float32] = field(repr=False)
+    rgb: NDArray[np.uint8] = field(repr=False)
     """(rows, columns, 3)."""
     alignment: Alignment = field(repr=False)
     """How it lies on the template."""

@@ -55,6 +55,15 @@ def compiled_within(function: Kernel) -> Kernel:
     return cast(Kernel, numba.njit(**options)(function))
 
 
+def compiled_sums(function: Kernel) -> Kernel:
+    """Like `compiled_within`, with the terms of sums in any order: several at a time, as many as a processor takes.
+
+    The last digits depend on the kind of processor, as those of OpenCV and BLAS do.
+    """
+    options = _OPTIONS | {"no_cpython_wrapper": True, "fastmath": {"reassoc", "nsz"}}
+    return cast(Kernel, numba.njit(**options)(function))
+
+
 def require_array(
     array: NDArray[Any], name: str, dtype: type[np.generic], shape: tuple[int | None, ...]
 ) -> None:

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wayside.stages.kernels import Array
+from wayside.stages.geometry import invert_symmetric
+from wayside.stages.kernels import Array, compiled
 from wayside.stages.panel.rectification import PanelPlane
 
 FACING_SIGMA = float(np.radians(8.0))
@@ -22,8 +23,6 @@ FACING_CONVERGED = 1e-6
 """Shorter steps end them, rad (of the sizes: relative)."""
 FACING_STEP = 0.3
 """Largest change in one of these steps, rad (of the sizes: relative)."""
-_TINY = 1e-4
-"""Step of forward differences, radians."""
 
 
 class Facing(NamedTuple):
@@ -53,39 +52,53 @@ def solve_facing(
     one proportion. `facing_sigma`, `aspect_sigma`: prior scatter of the angle, rad, and of the proportion, relative.
     """
     x = np.array([0.0, *np.log(np.median(sizes, axis=0))])
-    observed = np.log(sizes)
-    covariance: Array = np.zeros((3, 3))
-    for _ in range(FACING_ITERATIONS):
-        predicted = _log_sizes(plane, centres, x)
-        derivative = (_log_sizes(plane, centres, x + np.array([_TINY, 0, 0])) - predicted) / _TINY
-        weight = 1 / (1 + ((observed - predicted) / sigmas / cauchy) ** 2) / sigmas**2
-        normal, right = np.zeros((3, 3)), np.zeros(3)
-        for side in (0, 1):
-            jacobian = np.zeros((len(sizes), 3))
-            jacobian[:, 0] = derivative[:, side]
-            jacobian[:, 1 + side] = 1.0
-            normal += jacobian.T @ (jacobian * weight[:, side, None])
-            right += jacobian.T @ (weight[:, side] * (observed - predicted)[:, side])
-        normal[0, 0] += 1 / facing_sigma**2
-        right[0] -= x[0] / facing_sigma**2
-        if aspect is not None:
-            by = np.array([0.0, 1.0, -1.0])
-            normal += np.outer(by, by) / aspect_sigma**2
-            right += by * (np.log(aspect) - by @ x) / aspect_sigma**2
-        covariance = np.asarray(np.linalg.inv(normal), np.float64)
-        step = covariance @ right
-        x = x + np.clip(step, -FACING_STEP, FACING_STEP)
-        if np.abs(step).max() < FACING_CONVERGED:
-            break
+    away = plane.point - centres
+    place = np.stack([away @ plane.right, away @ plane.ahead], axis=1)
+    priors, covariance = (cauchy, facing_sigma, aspect or 0.0, aspect_sigma), np.empty((3, 3))
+    _gauss_newton(place, np.log(sizes), np.asarray(sigmas, np.float64), priors, x, covariance)
     return Facing(float(x[0]), x[1:].copy(), covariance)
 
 
-def _log_sizes(plane: PanelPlane, centres: Array, x: Array) -> Array:
-    """Logarithms (v, 2) of width and height that a panel of angle and log size x covers on the plane."""
-    half = np.exp(x[1:]) / 2
-    across = (np.cos(x[0]) * plane.right - np.sin(x[0]) * plane.ahead) * half[0]
-    below = plane.down * half[1]
-    ends = plane.point + np.array([-across, across, -below, below])
-    met = plane.meet(centres[:, None], ends)
-    covered = np.column_stack([met[:, 1, 0] - met[:, 0, 0], met[:, 3, 1] - met[:, 2, 1]])
-    return np.asarray(np.log(covered), np.float64)
+@compiled
+def _gauss_newton(
+    place: Array,
+    observed: Array,
+    sigmas: Array,
+    priors: tuple[float, float, float, float],
+    x: Array,
+    covariance: Array,
+) -> None:
+    # Moves angle and log sizes x (3,). `place` (v, 2): of the panel, to the right of a camera and ahead of it.
+    cauchy, facing_sigma, aspect, aspect_sigma = priors
+    normal, right, step, by = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
+    for _ in range(FACING_ITERATIONS):
+        normal[:] = right[:] = 0.0
+        normal[0, 0], right[0] = 1 / facing_sigma**2, -x[0] / facing_sigma**2
+        if aspect > 0:
+            off = (np.log(aspect) - x[1] + x[2]) / aspect_sigma**2
+            right[1], right[2] = off, -off
+            normal[1, 1] = normal[2, 2] = 1 / aspect_sigma**2
+            normal[1, 2] = normal[2, 1] = -normal[1, 1]
+        for v in range(place.shape[0]):
+            for side in range(2):
+                by[:], residual = 0.0, observed[v, side] - x[1 + side]
+                by[1 + side] = 1.0
+                if side == 0:
+                    # the end that is turned away covers less of the plane than the other one
+                    beside, ahead, half = place[v, 0], place[v, 1], np.exp(x[1]) / 2
+                    c, s = half * np.cos(x[0]), half * np.sin(x[0])
+                    wide, room = beside * s + c * ahead, ahead * ahead - s * s
+                    residual = observed[v, 0] - np.log(2 * ahead * wide / room)
+                    by[0] = (beside * c - s * ahead) / wide + 2 * s * c / room
+                off = residual / sigmas[v, side]
+                weight = 1 / (1 + (off / cauchy) ** 2) / sigmas[v, side] ** 2
+                for k in range(3):
+                    right[k] += weight * residual * by[k]
+                    for m in range(3):
+                        normal[k, m] += weight * by[k] * by[m]
+        invert_symmetric(normal, 0.0, 0.0, covariance)
+        for k in range(3):
+            step[k] = (covariance[k] * right).sum()
+            x[k] += min(max(step[k], -FACING_STEP), FACING_STEP)
+        if np.abs(step).max() < FACING_CONVERGED:
+            break

@@ -5,13 +5,21 @@ patches of tie points, a face is compared as a whole and has a stretch for each 
 facing.
 """
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.measurement import Alignment
 from wayside.stages.geometry import cholesky_solve
-from wayside.stages.kernels import Array, compiled, compiled_within, require_array
+from wayside.stages.kernels import (
+    Array,
+    compiled,
+    compiled_sums,
+    compiled_within,
+    require_array,
+)
 
 ITERATIONS = 12
 """Gauss-Newton steps at most, whole or halved."""
@@ -31,132 +39,137 @@ SMALLEST_VARIANCE = 1.0
 """Least variance of a sample, in grey levels squared."""
 
 
-def align(template: Array, weight: Array, patch: Array, start: Array) -> Alignment | None:
+SINGLE = np.float32
+Samples = NDArray[np.float32]
+"""Grey levels or weights (rows, columns)."""
+
+
+def align(template: Samples, weight: Samples, patch: Samples, start: Array) -> Alignment | None:
     """Find the template in the patch; None where it diverges or leaves the patch.
 
-    `template`, `weight`, `patch`: grey levels and weights, `(rows, columns)` float64. Samples of weight 0 are not
-    compared. `start` (2,): shift to begin with, samples right and down.
+    `template`, `weight`, `patch`: of one shape. Samples of weight 0 are not compared. `start` (2,): shift to begin
+    with, samples right and down.
 
     Raises ValueError if the arrays are of other types or shapes.
     """
-    shape = template.shape
-    require_array(template, "template", np.float64, (None, None))
-    require_array(weight, "weight", np.float64, shape)
-    require_array(patch, "patch", np.float64, shape)
-    total = float(weight.sum())
-    if total <= 0:
+    for name, samples in (("template", template), ("weight", weight), ("patch", patch)):
+        require_array(samples, name, np.float32, template.shape)
+    x, covariance = np.array([start[0], start[1], 1.0, 1.0, 1.0, 0.0]), np.empty((4, 4))
+    zncc = _gauss_newton(template, weight, patch, x, covariance)
+    if zncc < 0:
         return None
-    mean = float((weight * template).sum()) / total
-    spread = float((weight * (template - mean) ** 2).sum())
-    x, normal = np.array([start[0], start[1], 1.0, 1.0, 1.0, 0.0]), np.zeros((6, 6))
-    inside, squares = _gauss_newton(template, weight, patch, total, x, normal)
-    if inside < INSIDE * total:
-        return None
-    try:
-        inverse = np.asarray(np.linalg.inv(normal), np.float64)
-    except np.linalg.LinAlgError:
-        return None
-    if x[4] <= 0 or spread <= 0:
-        return None
-    zncc = float(np.sqrt(max(0.0, 1 - squares / spread)))
-    covariance = inverse[:4, :4] * _variance(squares, inside)
     return Alignment(x[:2].copy(), x[2:4].copy(), float(x[4]), float(x[5]), zncc, covariance)
 
 
-@compiled
+@compiled_within
 def _variance(squares: float, inside: float) -> float:
     """Variance of a sample; neighbouring samples share a pixel of the image and are not independent."""
     independent = max(inside / SAMPLES_PER_INDEPENDENT, 1.0)
     return max(squares / independent, SMALLEST_VARIANCE)
 
 
+@compiled_sums
+def _normal_equations(samples: Samples, patch: Samples, x: Array, normal: Array) -> None:
+    # Fills the products (7, 7) of derivatives by shift, stretch, gain, bias x, and of the residual, with the weights.
+    width, grey, one, zero = np.uint32(patch.shape[1]), patch.reshape(-1), np.uint32(1), SINGLE(0)
+    end_u, end_v = SINGLE(patch.shape[1] - 1), SINGLE(patch.shape[0] - 1)
+    first_u, wide, gain = SINGLE(end_u / 2 + x[0]), SINGLE(x[2]), SINGLE(x[4])
+    first_v, tall, bias = SINGLE(end_v / 2 + x[1]), SINGLE(x[3]), SINGLE(x[5])
+    # nothing is stored within the loop, which lets the compiler compute several samples at a time
+    gg = gh = gi = gj = gp = gw = gr = hh = hi = hj = hp = hw = hr = ii = ij = zero
+    ip = iw = ir = jj = jp = jw = jr = pp = pw = pr = ww = wr = rr = zero
+    for n in range(samples.shape[1]):
+        right, down, value, weight = samples[0, n], samples[1, n], samples[2, n], samples[3, n]
+        u, v = first_u + wide * right, first_v + tall * down
+        within = (u >= zero) & (u < end_u) & (v >= zero) & (v < end_v)
+        u, v, w = u if within else zero, v if within else zero, weight if within else zero
+        left, top = np.uint32(u), np.uint32(v)
+        a, b, at = u - SINGLE(left), v - SINGLE(top), width * top + left
+        p, q = grey[at], grey[at + one] - grey[at]
+        r, s = grey[at + width], grey[at + width + one] - grey[at + width]
+        above, below = p + a * q, r + a * s
+        seen = above + b * (below - above)
+        g, h, p = w * gain * (q + b * (s - q)), w * gain * (below - above), w * seen
+        i, j, r = g * right, h * down, w * (value - (gain * seen + bias))
+        gg, gh, gi, gj = gg + g * g, gh + g * h, gi + g * i, gj + g * j
+        gp, gw, gr = gp + g * p, gw + g * w, gr + g * r
+        hh, hi, hj = hh + h * h, hi + h * i, hj + h * j
+        hp, hw, hr = hp + h * p, hw + h * w, hr + h * r
+        ii, ij, ip, iw, ir = ii + i * i, ij + i * j, ip + i * p, iw + i * w, ir + i * r
+        jj, jp, jw, jr = jj + j * j, jp + j * p, jw + j * w, jr + j * r
+        pp, pw, pr = pp + p * p, pw + p * w, pr + p * r
+        ww, wr, rr = ww + w * w, wr + w * r, rr + r * r
+    normal[0], normal[1, 1:] = (gg, gh, gi, gj, gp, gw, gr), (hh, hi, hj, hp, hw, hr)
+    normal[2, 2:], normal[3, 3:] = (ii, ij, ip, iw, ir), (jj, jp, jw, jr)
+    normal[4, 4:], normal[5, 5:], normal[6, 6] = (pp, pw, pr), (ww, wr), rr
+    for k in range(7):
+        normal[k:, k] = normal[k, k:]
+
+
 @compiled_within
-def _normal_equations(
-    template: Array, weight: Array, patch: Array, x: Array, normal: Array, right: Array
-) -> tuple[float, float]:
-    # Fills normal (6, 6) and right (6,) at shift, stretch, gain, bias x; returns sum of weights and of squares.
-    rows, columns = template.shape
-    middle_u, middle_v = (columns - 1) / 2, (rows - 1) / 2
-    normal[:] = 0
-    right[:] = 0
-    inside, squares = 0.0, 0.0
-    jacobian = np.empty(6)
-    for i in range(rows):
-        v = middle_v + x[3] * (i - middle_v) + x[1]
-        if not 0 <= v < rows - 1:
-            continue
-        top = int(v)
-        b = v - top
-        for j in range(columns):
-            w = weight[i, j]
-            if w <= 0:
-                continue
-            u = middle_u + x[2] * (j - middle_u) + x[0]
-            if not 0 <= u < columns - 1:
-                continue
-            left = int(u)
-            a = u - left
-            p, q = patch[top, left], patch[top, left + 1]
-            r, s = patch[top + 1, left], patch[top + 1, left + 1]
-            above, below = p + a * (q - p), r + a * (s - r)
-            value = above + b * (below - above)
-            jacobian[0] = x[4] * ((q - p) + b * ((s - r) - (q - p)))
-            jacobian[1] = x[4] * (below - above)
-            jacobian[2] = jacobian[0] * (j - middle_u)
-            jacobian[3] = jacobian[1] * (i - middle_v)
-            jacobian[4] = value
-            jacobian[5] = 1.0
-            residual = template[i, j] - (x[4] * value + x[5])
-            for k in range(6):
-                right[k] += w * jacobian[k] * residual
-                for m in range(k, 6):
-                    normal[k, m] += w * jacobian[k] * jacobian[m]
-            inside += w
-            squares += w * residual * residual
-    for k in range(6):
-        for m in range(k):
-            normal[k, m] = normal[m, k]
-    return inside, squares
+def _compared(template: Samples, weight: Samples) -> tuple[Samples, float, float]:
+    # Place from the middle, value, and root of the weight (4, n); sum of weights and squares about the mean.
+    samples = np.empty((4, np.count_nonzero(weight)), np.float32)
+    count, total, first, second = 0, 0.0, 0.0, 0.0
+    for i in range(template.shape[0]):
+        for j in range(template.shape[1]):
+            w, value = weight[i, j], template[i, j]
+            if w > 0:
+                samples[0, count] = j - (template.shape[1] - 1) / 2
+                samples[1, count] = i - (template.shape[0] - 1) / 2
+                samples[2, count], samples[3, count] = value, np.sqrt(w)
+                count, total = count + 1, total + w
+                first, second = first + w * value, second + w * value * value
+    return samples, total, second - first * first / total
 
 
 @compiled
 def _gauss_newton(
-    template: Array, weight: Array, patch: Array, total: float, x: Array, normal: Array
-) -> tuple[float, float]:
-    # Moves x (6,) to the minimum; `normal`, weights and squares there, or 0, 0 where it fails.
-    start_u, start_v, right, step, least = x[0], x[1], np.empty(6), np.empty(6), np.inf
+    template: Samples, weight: Samples, patch: Samples, x: Array, covariance: Array
+) -> float:
+    # Moves x (6,) to the minimum, and fills the covariance (4, 4) of the first; ZNCC there, or -1 where it fails.
     half_u, half_v = (template.shape[1] - 1) / 2, (template.shape[0] - 1) / 2
-    for _ in range(ITERATIONS):
-        inside, squares = _normal_equations(template, weight, patch, x, normal, right)
+    samples, total, spread = _compared(template, weight)
+    if not spread > 0:
+        return -1.0
+    normal = np.empty((7, 7))
+    start_u, start_v, step, least = x[0], x[1], np.zeros(6), np.inf
+    for k in range(ITERATIONS + 1):
+        _normal_equations(samples, patch, x, normal)
+        inside, squares = normal[5, 5], normal[6, 6]
         if inside < INSIDE * total:
-            return 0.0, 0.0
+            return -1.0
+        across = abs(step[0]) + half_u * abs(step[2])
+        if k == ITERATIONS or (k and max(across, abs(step[1]) + half_v * abs(step[3])) < CONVERGED):
+            break
         if squares > least * inside:
             # too far: between samples the slope of a patch jumps, and full steps go to and fro across such a place
-            for k in range(6):
-                step[k] *= 0.5
-                x[k] -= step[k]
+            step *= 0.5
+            x -= step
         else:
             least = squares / inside
             prior = _variance(squares, inside) / STRETCH_SIGMA**2
-            for k in (2, 3):
-                normal[k, k] += prior
-                right[k] -= prior * (x[k] - 1.0)
-            if not cholesky_solve(normal, right):
-                return 0.0, 0.0
-            for k in range(6):
-                step[k] = right[k]
-                x[k] += step[k]
+            step[:] = normal[6, :6]
+            for c in (2, 3):
+                normal[c, c] += prior
+                step[c] -= prior * (x[c] - 1.0)
+            if not cholesky_solve(normal[:6, :6], step):
+                return -1.0
+            x += step
         if max(abs(x[0] - start_u), abs(x[1] - start_v)) > LARGEST_SHIFT:
-            return 0.0, 0.0
+            return -1.0
         if max(abs(x[2] - 1), abs(x[3] - 1)) > LARGEST_STRETCH:
-            return 0.0, 0.0
-        across = abs(step[0]) + half_u * abs(step[2])
-        if max(across, abs(step[1]) + half_v * abs(step[3])) < CONVERGED:
-            break
-    return _normal_equations(template, weight, patch, x, normal, right)
+            return -1.0
+    for c in range(4):
+        step[:], factor = 0.0, normal[:6, :6].copy()
+        step[c] = _variance(squares, inside)
+        if not cholesky_solve(factor, step):
+            return -1.0
+        covariance[c] = step[:4]
+    return np.sqrt(max(0.0, 1 - squares / spread)) if x[4] > 0 else -1.0
 
 
-def warp_to_template(view: NDArray[np.float32], found: Alignment) -> NDArray[np.float32]:
+def warp_to_template(view: NDArray[Any], found: Alignment) -> NDArray[np.float32]:
     """A view (rows, columns, 3) resampled into the template, with the template's gain and bias."""
     rows, columns = view.shape[:2]
     middle = (np.array([columns, rows]) - 1) / 2
@@ -164,6 +177,6 @@ def warp_to_template(view: NDArray[np.float32], found: Alignment) -> NDArray[np.
     warp = np.array([[found.stretch[0], 0, move[0]], [0, found.stretch[1], move[1]]])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     warped = cv2.warpAffine(
-        view, warp, (columns, rows), flags=flags, borderMode=cv2.BORDER_REPLICATE
+        view.astype(np.float32), warp, (columns, rows), flags=flags, borderMode=cv2.BORDER_REPLICATE
     )
     return np.asarray(warped * np.float32(found.gain) + np.float32(found.bias), np.float32)

@@ -17,32 +17,32 @@ from numpy.typing import NDArray
 
 from wayside.schemas.models import LinearModel
 from wayside.stages.geometry import cholesky_solve
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, compiled, compiled_within
 from wayside.stages.panel.outline_edges import (
     OFFSET_STEP,
     TRIAL_STEP,
     Gradients,
+    _edge_profiles,
     edge_profiles,
     gradients_of,
-    strip_colors,
-    strongest_box,
+    strip_unevenness,
+    strongest_outline,
 )
 from wayside.stages.panel.outline_shapes import (
     ASPECT,
     OUTLINE_SHAPES,
-    Segments,
+    TEMPLATES,
     box_size,
     growth,
     has_area,
+    placed,
     segments_of,
 )
 
-INWARD, OUTWARD = 0.12, 0.28
-"""The strongest outline lies within the box or outside it by this fraction of the smaller side at most."""
-SEARCH = 3.0
-"""The strongest outline is sought so far, either way, at least."""
-MOST_INNER = 2
-"""Shapes round whose strongest outline candidates are sought."""
+COARSE, FINE = (0.12, 0.28, TRIAL_STEP), (0.0, 0.0, OFFSET_STEP)
+"""The strongest outline lies within the box or outside it by such fractions of the smaller side at most, and step."""
+MOST_NEAR, MOST_INNER = 4, 2
+"""Shapes whose strongest outline is sought once more near by, and those round which candidates are sought."""
 SIDE_ROUNDS, SIDE_SEARCH = 2, 4.0
 """Rounds of aligning the profiles of the sides, and range of the shift that aligns them."""
 SIDE_PENALTY = 0.01
@@ -187,33 +187,28 @@ def outline_candidates(
         profiles = edge_profiles(gradients, segments, low, high)
         kept = math.ceil(WEAKER_PART * len(profiles))
         strength = np.sort(profiles, axis=0)[:kept].mean(axis=0)
-        colors = strip_colors(views, segments, low, high)
-        middle = np.median(colors, axis=(0, 1))
-        uneven = np.median(np.abs(colors - middle).max(axis=3), axis=(0, 1))
-        grow = growth(segments)
         left, here, right = strength[:-2], strength[1:-1], strength[2:]
-        peaks = (np.flatnonzero((here >= left) & (here > right)) + 1).tolist()
-        top = float(max((strength[i] for i in peaks), default=0.0))
-        for i in peaks:
-            offset = i * step + low
-            faint = top <= 0 or strength[i] < SMALLEST_EDGE * top
-            if faint or offset <= -SMALLEST_INWARD:
-                continue
-            outer = inner.box + offset * grow
-            if not has_area(outer):
-                continue
-            strip = float(uneven[max(0, i - round(STRIP / step)) : i + 1].min())
-            features = _features(inner, outer, box, float(strength[i]) / top, strip)
-            candidates.append(OutlineCandidate(inner._replace(box=outer), features))
+        peaks = np.flatnonzero((here >= left) & (here > right)) + 1
+        offset, edge = peaks * step + low, strength[peaks] / strength[peaks].max(initial=1e-9)
+        outer = inner.box + offset[:, None] * growth(segments)
+        likely = (edge >= SMALLEST_EDGE) & (offset > -SMALLEST_INWARD)
+        likely &= (outer[:, 2:] - outer[:, :2]).min(axis=1) >= 1.0
+        peaks, edge, outer = peaks[likely], edge[likely], outer[likely]
+        uneven, wide = strip_unevenness(views, segments, low, high), round(STRIP / step) - 1
+        strip = [float(uneven[max(0, (i - wide) // 2) : i // 2 + 1].min()) for i in peaks.tolist()]
+        features = _features(inner, outer, box, edge, np.array(strip))
+        for own, row in zip(outer, features, strict=True):
+            candidates.append(OutlineCandidate(inner._replace(box=own), row))
     return candidates
 
 
-def _features(inner: "Outline", outer: Array, detected: Array, edge: float, strip: float) -> Array:
-    wide, tall = np.log(box_size(outer) / box_size(detected))
-    uneven = min(strip, _MOST_UNEVEN) / _UNEVEN_LEVELS
-    of_edge = [edge, np.log(edge), inner.strength, uneven, edge * uneven]
-    of_size = [wide, tall, wide**2, tall**2, abs(wide - tall)]
-    return np.array([*of_edge, *of_size, float(inner.shape == "rectangle")])
+def _features(inner: "Outline", outer: Array, detected: Array, edge: Array, strip: Array) -> Array:
+    """`OUTLINE_FEATURES` (n, 11) of boxes (n, 4), by their strength and the unevenness inside, (n,)."""
+    wide, tall = np.log((outer[:, 2:] - outer[:, :2]) / box_size(detected)).T
+    uneven, one = np.minimum(strip, _MOST_UNEVEN) / _UNEVEN_LEVELS, np.ones(len(outer))
+    of_edge = [edge, np.log(edge), inner.strength * one, uneven, edge * uneven]
+    of_size = [wide, tall, wide**2, tall**2, np.abs(wide - tall)]
+    return np.column_stack([*of_edge, *of_size, (inner.shape == "rectangle") * one])
 
 
 class Outline(NamedTuple):
@@ -227,38 +222,24 @@ class Outline(NamedTuple):
 
 def strongest_outlines(gradients: Gradients, box: Array) -> list[Outline]:
     """Outlines of the best shapes near a box, the strongest one of each."""
-    found = [
-        _strongest(gradients, shape, box, INWARD, OUTWARD, TRIAL_STEP) for shape in OUTLINE_SHAPES
-    ]
+    found = [_strongest(gradients, shape, box, COARSE) for shape in OUTLINE_SHAPES]
     # segments rotate as the proportions change: once more, near by
-    near = (o for o in found if has_area(o.box))
-    found = [_strongest(gradients, o.shape, o.box, 0.0, 0.0, OFFSET_STEP) for o in near]
-    found = sorted((o for o in found if has_area(o.box)), key=lambda o: -o.strength)
-    return [align_sides(gradients, o) for o in found[:MOST_INNER]]
+    near = [_strongest(gradients, o.shape, o.box, FINE) for o in _best(found, MOST_NEAR)]
+    return [align_sides(gradients, o) for o in _best(near, MOST_INNER)]
 
 
-def _in_proportion(shape: str, box: Array) -> Array:
-    """The box of the shape's own proportion about a box, or the box itself."""
-    if shape not in ASPECT:
-        return box
-    centre, tall = (box[:2] + box[2:]) / 2, np.sqrt(box_size(box).prod() / ASPECT[shape])
-    half = np.array([ASPECT[shape] * tall, tall]) / 2
-    return np.concatenate([centre - half, centre + half])
+def _best(found: list[Outline], most: int) -> list[Outline]:
+    """The strongest of those that have an area."""
+    return sorted((o for o in found if has_area(o.box)), key=lambda o: -o.strength)[:most]
 
 
 def _strongest(
-    gradients: Gradients, shape: str, start: Array, inward: float, outward: float, step: float
+    gradients: Gradients, shape: str, start: Array, search: tuple[float, float, float]
 ) -> Outline:
-    """The strongest outline of a shape within fractions of the smaller side of a box."""
-    box = _in_proportion(shape, start)
-    side = float(box_size(box).min())
-    low = -step * np.ceil(max(inward * side + 1, SEARCH) / step)
-    high = step * np.ceil(max(outward * side + 1, SEARCH) / step)
-    segments = segments_of(shape, box)
-    profiles = edge_profiles(gradients, segments, low, high, step)
-    moves = _MOVES[shape in ASPECT]
-    change, strength = strongest_box(profiles, segments.jacobian, low, moves, step)
-    return Outline(shape, box + change, 0.0, strength)
+    """The strongest outline of a shape near a box."""
+    aspect, moves = ASPECT.get(shape, 0.0), _MOVES[shape in ASPECT]
+    box, strength = strongest_outline(gradients, TEMPLATES[shape], aspect, start, search, moves)
+    return Outline(shape, box, 0.0, strength)
 
 
 def align_sides(gradients: Gradients, outline: Outline) -> Outline:
@@ -268,22 +249,69 @@ def align_sides(gradients: Gradients, outline: Outline) -> Outline:
     Where two sides would meet, it is the given one.
     """
     x = np.array([*outline.box, outline.rotation])
-    reach, step = SIDE_SEARCH, OFFSET_STEP
-    for _ in range(SIDE_ROUNDS):
-        segments = segments_of(outline.shape, x[:4], x[4])
-        profiles = edge_profiles(gradients, segments, -2 * reach, 2 * reach)
-        half = round(reach / step)
-        mean = profiles.mean(axis=0)[half:-half]
-        windows = np.lib.stride_tricks.sliding_window_view(profiles, len(mean), axis=1)
-        norm = np.sqrt((windows**2).sum(axis=2) * (mean**2).sum()) + 1e-9
-        shift = (np.arange(windows.shape[1]) - half) * step
-        correlation = (windows @ mean) / norm - SIDE_PENALTY * np.abs(shift)
-        best = correlation.argmax(axis=1)
-        weight = np.maximum(correlation.max(axis=1), 0.0) ** 2
-        x = x + _least_squares(outline.shape, x, segments, shift[best], weight)
-        if not has_area(x[:4]):
-            return outline
+    aspect = ASPECT.get(outline.shape, 0.0)
+    if not _align_sides(gradients, TEMPLATES[outline.shape], aspect, x):
+        return outline
     return outline._replace(box=x[:4], rotation=float(x[4]))
+
+
+@compiled
+def _align_sides(gradients: Gradients, template: Array, aspect: float, x: Array) -> bool:
+    # Moves box and rotation x (5,); False where two sides meet.
+    count, half = len(template), round(SIDE_SEARCH / OFFSET_STEP)
+    width, power = 2 * half + 1, 0.0
+    profiles, offset, weight = np.empty((count, 2 * width - 1)), np.empty(count), np.empty(count)
+    for _ in range(SIDE_ROUNDS):
+        segments = placed(template, x[:4], x[4])
+        _edge_profiles(gradients, segments, -2 * SIDE_SEARCH, OFFSET_STEP, profiles)
+        mean = profiles[:, half : half + width].sum(axis=0) / count
+        power = (mean * mean).sum()
+        for k in range(count):
+            alike, square, best = np.zeros(width), np.zeros(width), -np.inf
+            for i in range(width):
+                for n in range(width):
+                    alike[n] += profiles[k, n + i] * mean[i]
+                    square[n] += profiles[k, n + i] * profiles[k, n + i]
+            for n in range(width):
+                shift = (n - half) * OFFSET_STEP
+                value = alike[n] / (np.sqrt(square[n] * power) + 1e-9) - SIDE_PENALTY * abs(shift)
+                if value > best:
+                    best, offset[k] = value, shift
+            weight[k] = max(best, 0.0) ** 2
+        _fit_sides(x, aspect, segments.jacobian, offset, weight)
+        if min(x[2] - x[0], x[3] - x[1]) < 1.0:
+            return False
+    return True
+
+
+@compiled_within
+def _fit_sides(x: Array, aspect: float, jacobian: Array, offset: Array, weight: Array) -> None:
+    """Move a box and its rotation x so that segments lie at an offset (k,), with Cauchy weights and priors.
+
+    Sides and rotation scatter about where they are, and a shape of one proportion about that; in units of the scatter
+    of an edge.
+    """
+    change, start = np.zeros(5), np.zeros((5, 6))
+    for c in range(5):
+        sigma = SIDE_SIGMA if c < 4 else np.radians(ROTATION_SIGMA_DEG)
+        start[c, c] = (EDGE_SIGMA / sigma) ** 2
+    if aspect > 0:
+        by = np.array([-1.0, aspect, 1.0, -aspect, 0.0])
+        hold, off = (EDGE_SIGMA / (ASPECT_SIGMA * (x[2] - x[0]))) ** 2, (by * x).sum()
+        for c in range(5):
+            start[c, :5] += hold * by[c] * by
+            start[c, 5] -= hold * by[c] * off
+    for _ in range(FIT_ITERATIONS):
+        normal, right = start[:, :5].copy(), start[:, 5].copy()
+        for k in range(len(offset)):
+            residual = (offset[k] - (jacobian[k] * change).sum()) / EDGE_CAUCHY
+            weighted = weight[k] / (1 + residual * residual) * jacobian[k]
+            right += weighted * offset[k]
+            for c in range(5):
+                normal[c] += weighted[c] * jacobian[k]
+        cholesky_solve(normal, right)
+        change = right
+    x += change
 
 
 def rim_correction(gradients: Gradients, outline: Outline) -> Array:
@@ -311,34 +339,13 @@ def side_variances(gradients: Gradients, outline: Outline) -> Array:
     reach = step * np.ceil(RIVAL_SIGMAS * SIDE_SIGMA / step)
     profiles = edge_profiles(gradients, segments, -reach, reach)
     offset = np.linspace(-reach, reach, profiles.shape[1])
-    moves = segments.jacobian[:, :4]
-    strength = np.zeros((4, len(offset)))
-    for profile, move in zip(profiles, moves, strict=True):
-        for side in np.flatnonzero(move):
-            strength[side] += abs(move[side]) * np.interp(offset * move[side], offset, profile)
-    strength /= np.abs(moves).sum(axis=0)[:, None]
+    moves = segments.jacobian[:, :4, None]
+    at = (moves * offset + reach) / step
+    lower = np.minimum(at.astype(np.int64), len(offset) - 2)
+    near = np.take_along_axis(profiles[:, None], lower, axis=2)
+    rise = np.take_along_axis(profiles[:, None], lower + 1, axis=2) - near
+    strength = (np.abs(moves) * (near + (at - lower) * rise)).sum(axis=0)
+    strength /= np.abs(moves).sum(axis=0)
     likelihood = strength / EDGE_SIGMA**2 - (offset / SIDE_SIGMA) ** 2 / 2
     probability = np.exp(likelihood - likelihood.max(axis=1, keepdims=True))
     return np.asarray(probability @ offset**2 / probability.sum(axis=1))
-
-
-def _least_squares(shape: str, x: Array, segments: Segments, offset: Array, weight: Array) -> Array:
-    """Change (5,) of a box and its rotation x for segments to lie at an offset (k,), with Cauchy weights and priors.
-
-    Sides and rotation scatter about where they are, and a shape of one proportion about that; in units of the scatter
-    of an edge.
-    """
-    sigma = np.array([SIDE_SIGMA] * 4 + [np.radians(ROTATION_SIGMA_DEG)])
-    normal, right = np.diag((EDGE_SIGMA / sigma) ** 2), np.zeros(5)
-    if shape in ASPECT:
-        by = np.array([-1, ASPECT[shape], 1, -ASPECT[shape], 0])
-        hold = (EDGE_SIGMA / (ASPECT_SIGMA * (x[2] - x[0]))) ** 2
-        normal += hold * np.outer(by, by)
-        right -= hold * by * float(by @ x)
-    change: Array = np.zeros(5)
-    for _ in range(FIT_ITERATIONS):
-        residual = (offset - segments.jacobian @ change) / EDGE_CAUCHY
-        weighted = (segments.jacobian.T * (weight / (1 + residual * residual))).T
-        matrix, change = normal + segments.jacobian.T @ weighted, right + offset @ weighted
-        cholesky_solve(matrix, change)
-    return change

@@ -9,19 +9,21 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.kernels import Array, compiled, require_array
-from wayside.stages.panel.outline_shapes import Segments
+from wayside.stages.kernels import Array, compiled, compiled_within, require_array
+from wayside.stages.panel.outline_shapes import Segments, placed
 
 OFFSET_STEP = 0.25
 """Distance between the places where an edge is sought."""
 EDGE_LEVEL = 12.0
 """Gradient of an edge of strength one half, grey levels a sample."""
 SEGMENT_SAMPLES, STRIP_SAMPLES = 12, 3
-"""Points of a segment at which it is compared, and those whose mean is the colour of its strip."""
+"""Points of a segment, one a sample, at which it is compared at most, and those of the mean colour of its strip."""
 INSIDE = 0.6
 """Fraction of a segment that lies in the views at least."""
 TRIAL_STEP = 0.5
 """Distance between the places and the boxes that are tried for the strongest outline, before it is sought near by."""
+SEARCH = 3.0
+"""The strongest outline is sought so far, either way, at least."""
 
 Gradients = NDArray[np.float32]
 """Gradient right and down of each view, of the channel that changes most, (views, rows, columns, 2)."""
@@ -38,16 +40,16 @@ def gradients_of(views: NDArray[np.float32]) -> Gradients:
 
 @compiled
 def _gradients(view: NDArray[np.float32], gradient: NDArray[np.float32]) -> None:
+    half, (across, along, square) = np.float32(0.5), np.empty((3, view.shape[1]), np.float32)
     for i in range(1, gradient.shape[0] - 1):
+        for k in range(3, view.shape[1] - 3):
+            across[k] = half * (view[i, k + 3] - view[i, k - 3])
+            along[k] = half * (view[i + 1, k] - view[i - 1, k])
+            square[k] = across[k] * across[k] + along[k] * along[k]
         for j in range(1, gradient.shape[1] - 1):
-            most = -1.0
-            for k in range(3 * j, 3 * j + 3):
-                across = 0.5 * (view[i, k + 3] - view[i, k - 3])
-                along = 0.5 * (view[i + 1, k] - view[i - 1, k])
-                square = across * across + along * along
-                if square > most:
-                    most = square
-                    gradient[i, j, 0], gradient[i, j, 1] = across, along
+            k = 3 * j + 1 if square[3 * j + 1] > square[3 * j] else 3 * j
+            k = 3 * j + 2 if square[3 * j + 2] > square[k] else k
+            gradient[i, j, 0], gradient[i, j, 1] = across[k], along[k]
 
 
 def edge_profiles(
@@ -74,12 +76,14 @@ def _edge_profiles(
     for k in range(profiles.shape[0]):
         right, down = np.float32(normal[k, 0]), np.float32(normal[k, 1])
         total[:] = profiles[k] = 0
-        for s in range(SEGMENT_SAMPLES):
-            part = (s + 0.5) / SEGMENT_SAMPLES
+        wide, tall = end[k, 0] - begin[k, 0], end[k, 1] - begin[k, 1]
+        count = min(int(np.ceil(np.sqrt(wide * wide + tall * tall))), SEGMENT_SAMPLES)
+        for s in range(count):
+            part = (s + 0.5) / count
             for m in range(size):
                 offset = low + step * m
-                u = begin[k, 0] + part * (end[k, 0] - begin[k, 0]) + offset * normal[k, 0]
-                v = begin[k, 1] + part * (end[k, 1] - begin[k, 1]) + offset * normal[k, 1]
+                u = begin[k, 0] + part * wide + offset * normal[k, 0]
+                v = begin[k, 1] + part * tall + offset * normal[k, 1]
                 inside[m] = within = 1 <= u < columns - 2 and 1 <= v < rows - 2
                 profiles[k, m] += within
                 # numbers with a sign would cost a test each
@@ -96,20 +100,71 @@ def _edge_profiles(
                     square = (above + along[m] * (below - above)) ** 2
                     total[m] += inside[m] * square / (square + np.float32(level))
         for m in range(size):
-            enough = profiles[k, m] >= INSIDE * SEGMENT_SAMPLES
+            enough = profiles[k, m] >= INSIDE * count
             profiles[k, m] = total[m] / (profiles[k, m] * views) if enough else 0.0
 
 
-def strip_colors(
+def strip_unevenness(
     views: NDArray[np.float32], segments: Segments, low: float, high: float
 ) -> NDArray[np.float32]:
-    """Mean colour along each segment at offsets low, low + `OFFSET_STEP`, ...: (k, views, m, 3)."""
-    points = _points(segments, low, high, STRIP_SAMPLES)
-    return np.stack([_sampled(view, points).mean(axis=2) for view in views], axis=1)
+    """Median difference from the median colour of the colours along all segments in all views.
+
+    Grey levels, (m,), at offsets low, low + `TRIAL_STEP`, ...
+    """
+    offsets = low + TRIAL_STEP * np.arange(round((high - low) / TRIAL_STEP) + 1)
+    along = (np.arange(STRIP_SAMPLES) + 0.5) / STRIP_SAMPLES
+    begin, side = segments.begin[:, None], (segments.end - segments.begin)[:, None]
+    moved = offsets[:, None, None, None] * segments.normal[:, None]
+    points = (begin + along[:, None] * side + moved).astype(np.float32)
+    u, v = np.moveaxis(points.reshape(len(offsets), -1, 2), -1, 0)
+    around = cv2.BORDER_REPLICATE
+    each = [cv2.remap(view, u, v, cv2.INTER_LINEAR, borderMode=around) for view in views]
+    seen = np.concatenate(each, axis=1, dtype=np.float32)
+    colors = seen.reshape(len(offsets), -1, STRIP_SAMPLES, 3).sum(axis=2) / STRIP_SAMPLES
+    colors = np.ascontiguousarray(colors.transpose(0, 2, 1))
+    return _median(np.abs(colors - _median(colors)[..., None]).max(axis=1))
+
+
+def _median(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Median along the last axis; `np.median` takes several times as long for few values."""
+    ordered, last = np.sort(values, axis=-1), values.shape[-1] - 1
+    return np.asarray((ordered[..., last // 2] + ordered[..., (last + 1) // 2]) / 2, np.float32)
 
 
 @compiled
-def strongest_box(
+def strongest_outline(
+    gradients: Gradients,
+    template: Array,
+    aspect: float,
+    start: Array,
+    search: tuple[float, float, float],
+    moves: Array,
+) -> tuple[Array, float]:
+    """Box (4,) of the strongest outline of a shape near a box, and its mean strength.
+
+    `template`: of the shape; `aspect`: its proportion, 0 where it comes in several. `search`: how far inwards and
+    outwards, as fractions of the smaller side, and distance of the places there. `moves`: see `_strongest_box`.
+    """
+    inward, outward, step = search
+    box = start.copy()
+    if aspect > 0:
+        wide, tall = max(box[2] - box[0], 1.0), max(box[3] - box[1], 1.0)
+        for c in range(2):
+            middle = (box[c] + box[c + 2]) / 2
+            half = np.sqrt(wide * tall * aspect) / 2 / (aspect if c else 1.0)
+            box[c], box[c + 2] = middle - half, middle + half
+    side = max(min(box[2] - box[0], box[3] - box[1]), 1.0)
+    low = -step * np.ceil(max(inward * side + 1, SEARCH) / step)
+    high = step * np.ceil(max(outward * side + 1, SEARCH) / step)
+    segments = placed(template, box, 0.0)
+    profiles = np.empty((len(template), round((high - low) / step) + 1))
+    _edge_profiles(gradients, segments, low, step, profiles)
+    change, strength = _strongest_box(profiles, segments.jacobian, low, moves, step)
+    return box + change, strength
+
+
+@compiled_within
+def _strongest_box(
     profiles: Array, jacobian: Array, low: float, moves: Array, step: float
 ) -> tuple[Array, float]:
     """Change (4,) of a box whose segments lie on the strongest edges, and their mean strength.
@@ -142,20 +197,3 @@ def strongest_box(
         for c in range(4):
             change[c] += best * moves[d, c]
     return change, strongest
-
-
-def _points(segments: Segments, low: float, high: float, count: int) -> NDArray[np.float32]:
-    """Points (k, m, count, 2) along each segment, moved along its normal by low, low + `OFFSET_STEP`, ..."""
-    offsets = low + OFFSET_STEP * np.arange(round((high - low) / OFFSET_STEP) + 1)
-    along = (np.arange(count) + 0.5) / count
-    begin, side = segments.begin[:, None], (segments.end - segments.begin)[:, None]
-    on = begin + along[:, None] * side
-    moved = on[:, None] + offsets[:, None, None] * segments.normal[:, None, None]
-    return moved.astype(np.float32)
-
-
-def _sampled(image: NDArray[np.float32], points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Values (..., channels) of an image at points (..., 2), linear between samples, its border repeated."""
-    u, v = np.moveaxis(points.reshape(len(points), -1, 2), -1, 0)
-    found = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(found, np.float32).reshape(*points.shape[:-1], -1)

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wayside.stages.geometry import cholesky_solve
 from wayside.stages.kernels import Array, compiled
 
 ASPECT = {"triangle": 1.155, "triangle_up": 1.155, "pennant": 1.278}
@@ -11,6 +12,8 @@ ASPECT |= dict.fromkeys(("diamond", "octagon", "circle", "pentagon"), 1.0)
 """Width over height of shapes that come in one proportion (MUTCD)."""
 _PARTS = 3
 """Segments of each side of a shape with few sides: their offsets show its rotation and its proportions."""
+SINGULAR = 1e-9
+"""Added to the squares of the sides: a box that segments do not show in full changes least."""
 _ROUNDED, _ROUNDED_SHORT = 0.1, 0.15
 """Fraction of a side left out at either end, where corners are rounded; of the sides of a shape with many."""
 
@@ -50,14 +53,14 @@ _CORNERS: dict[str, list[tuple[float, float]]] = {
 }
 
 
-def _template(shape: str) -> tuple[Array, Array]:
-    """Ends (k, 2) of the segments of an outline in the square -1..1, y down."""
+def _template(shape: str) -> Array:
+    """Ends (k, 4) of the segments of an outline in the square -1..1, y down: x, y, x, y."""
     corners = np.array(_CORNERS[shape], np.float64)
     parts, rounded = (1, _ROUNDED_SHORT) if len(corners) >= 8 else (_PARTS, _ROUNDED)
     cuts = np.linspace(rounded, 1 - rounded, parts + 1)
     first, side = corners[:, None], (np.roll(corners, -1, axis=0) - corners)[:, None]
     begin, end = first + side * cuts[None, :-1, None], first + side * cuts[None, 1:, None]
-    return begin.reshape(-1, 2), end.reshape(-1, 2)
+    return np.concatenate([begin, end], axis=2).reshape(-1, 4)
 
 
 _UPRIGHT = ("diamond", "octagon", "circle", "pentagon")
@@ -71,25 +74,26 @@ def face_corners(shape: str | None) -> Array:
 
 OUTLINE_SHAPES = tuple(_CORNERS)
 """Shapes that have a template; triangles point down unless said."""
-_TEMPLATES = {shape: _template(shape) for shape in OUTLINE_SHAPES}
+TEMPLATES = {shape: _template(shape) for shape in OUTLINE_SHAPES}
+"""Ends (k, 4) of the segments of each in the square -1..1."""
 
 
 def segments_of(shape: str, box: Array, rotation: float = 0.0) -> Segments:
     """Segments of a shape that fills a box [left, top, right, bottom], rotated about its centre (rad, clockwise)."""
-    first, last = _TEMPLATES[shape]
-    found = Segments(*(np.empty((len(first), n)) for n in (2, 2, 2, 5)))
-    _place(first, last, np.asarray(box, np.float64), rotation, found)
-    return found
+    return placed(TEMPLATES[shape], np.asarray(box, np.float64), rotation)
 
 
 @compiled
-def _place(first: Array, last: Array, box: Array, rotation: float, found: Segments) -> None:
-    begin, end, normal, jacobian = found
+def placed(template: Array, box: Array, rotation: float) -> Segments:
+    """Segments of a template (k, 4) in a box, as `segments_of`."""
+    count = len(template)
+    begin, end, normal = np.empty((count, 2)), np.empty((count, 2)), np.empty((count, 2))
+    jacobian = np.empty((count, 5))
     u, v = (box[0] + box[2]) / 2, (box[1] + box[3]) / 2
     wide, tall = box[2] - box[0], box[3] - box[1]
     c, s = np.cos(rotation), np.sin(rotation)
-    for k in range(first.shape[0]):
-        x0, y0, x1, y1 = first[k, 0], first[k, 1], last[k, 0], last[k, 1]
+    for k in range(count):
+        x0, y0, x1, y1 = template[k]
         a, b = (y1 - y0) * tall / 2, (x0 - x1) * wide / 2
         length = np.sqrt(a * a + b * b)
         a, b, x, y = a / length, b / length, (x0 + x1) / 4, (y0 + y1) / 4
@@ -100,6 +104,7 @@ def _place(first: Array, last: Array, box: Array, rotation: float, found: Segmen
         begin[k, 0], begin[k, 1] = u + c * x0 - s * y0, v + s * x0 + c * y0
         end[k, 0], end[k, 1] = u + c * x1 - s * y1, v + s * x1 + c * y1
         normal[k, 0], normal[k, 1] = c * a - s * b, s * a + c * b
+    return Segments(begin, end, normal, jacobian)
 
 
 def box_round(shape: str, box: Array, rotation: float) -> Array:
@@ -124,5 +129,7 @@ def has_area(box: Array) -> bool:
 
 def growth(segments: Segments) -> Array:
     """Change (4,) of the box that moves all segments one sample outwards (least squares)."""
-    ones = np.ones(len(segments.begin))
-    return np.asarray(np.linalg.lstsq(segments.jacobian[:, :4], ones, rcond=1e-6)[0])
+    moves = segments.jacobian[:, :4]
+    change: Array = moves.sum(axis=0)
+    cholesky_solve(moves.T @ moves + SINGULAR * np.eye(4), change)
+    return change

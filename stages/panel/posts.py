@@ -19,7 +19,7 @@ from scipy.special import softmax
 from wayside.schemas.models import LinearModel
 from wayside.schemas.roadside import Posts
 from wayside.stages.kernels import Array
-from wayside.stages.panel.rectification import rectify
+from wayside.stages.panel.rectification import pixels_of, rectify
 from wayside.stages.panel.registration import RegisteredViews
 
 VIEWS, TRIALS, STRONG = 2, 3, 3.0
@@ -142,12 +142,14 @@ def posts_below(
         columns = x + wide * (centre[0] + across)
         rows = y + tall * (centre[1] + half[1] + np.arange(GAP_M, length, ROW_M))
         ends = np.array([[right, down] for right in columns[[0, -1]] for down in rows[[0, -1]]])
-        pixels = image.pixels(plane.points(ends))
+        (pixels,) = pixels_of([image], plane.points(ends))
         if (pixels >= 0).all() and (pixels < image.rgb.shape[1::-1]).all():
             (seen,) = rectify(plane, columns, rows, [(view.depth, image)])
             sight = plane.point - image.pose.centre
             slant = float(sight @ plane.ahead / np.hypot(sight @ plane.ahead, sight @ plane.right))
-            found.append(Strip(seen.rgb, across, view.depth / image.focal, slant))
+            found.append(
+                Strip(seen.rgb.astype(np.float32), across, view.depth / image.focal, slant)
+            )
     best: tuple[list[Strip], list[PostEdges]] = [], []
     for first in range(min(len(found), TRIALS)):
         likely = find_posts(found[first : first + VIEWS], 2 * float(half[0]))

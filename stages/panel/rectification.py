@@ -1,6 +1,7 @@
 """Images of a panel resampled on its plane (rectified views)."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import groupby
 from typing import NamedTuple
 
 import cv2
@@ -70,19 +71,23 @@ class PosedImage(NamedTuple):
         """Mean focal length, px."""
         return (self.camera.fx + self.camera.fy) / 2
 
-    def pixels(self, points: Array) -> Array:
-        """Recorded (distorted) pixels (n, 2) of world points (n, 3)."""
-        local = self.pose.to_camera(points)
-        return distort_points(self.camera, ideal_of_rays(self.camera, local[:, :2] / local[:, 2:]))
-
 
 class RectifiedView(NamedTuple):
     """An image resampled on the plane: depth of the panel in it, metres; rgb (rows, columns, 3) and grey."""
 
     image: PosedImage
     depth: float
-    rgb: NDArray[np.float32]
-    grey: Array
+    rgb: NDArray[np.uint8]
+    grey: NDArray[np.float32]
+
+
+def pixels_of(images: Iterable[PosedImage], points: Array) -> Array:
+    """Recorded (distorted) pixels (v, n, 2) of world points (n, 3) in images."""
+    found = []
+    for camera, own in groupby(images, key=lambda image: image.camera):
+        local = np.concatenate([image.pose.to_camera(points) for image in own])
+        found.append(distort_points(camera, ideal_of_rays(camera, local[:, :2] / local[:, 2:])))
+    return np.concatenate(found).reshape(-1, len(points), 2)
 
 
 def usable_views(
@@ -90,17 +95,16 @@ def usable_views(
 ) -> list[tuple[float, PosedImage]]:
     """Depth and image of the views that show all of a panel of this width and height (2,), metres; nearest first."""
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * size / 2 * BORDER
-    found = []
-    for image in images:
-        depth = float(image.pose.to_camera(plane.point)[2])
-        if not NEAREST_M < depth < FARTHEST_M:
-            continue
-        pixels = image.pixels(plane.points(corners))
-        height, width = image.rgb.shape[:2]
-        edge = BORDER_PX
-        inside = (pixels >= edge).all() and (pixels < (width - 1 - edge, height - 1 - edge)).all()
-        if inside and np.ptp(pixels, axis=0).min() >= SMALLEST_PX:
-            found.append((depth, image))
+    near = [(float(image.pose.to_camera(plane.point)[2]), image) for image in images]
+    near = [view for view in near if NEAREST_M < view[0] < FARTHEST_M]
+    if not near:
+        return []
+    pixels = pixels_of((image for _, image in near), plane.points(corners))
+    least, most = pixels.min(axis=1), pixels.max(axis=1)
+    ends = [(i.rgb.shape[1] - 1 - BORDER_PX, i.rgb.shape[0] - 1 - BORDER_PX) for _, i in near]
+    shown = (least >= BORDER_PX).all(axis=1) & (most < ends).all(axis=1)
+    shown &= (most - least).min(axis=1) >= SMALLEST_PX
+    found = [view for view, whole in zip(near, shown, strict=True) if whole]
     found.sort(key=lambda view: (view[0], view[1].frame))
     return found[:MOST_VIEWS]
 
@@ -116,17 +120,20 @@ def rectify(
     knots = [np.linspace(at[0], at[-1], _CELLS + 1) for at in (columns, rows)]
     grid = plane.points(np.stack(np.meshgrid(*knots), axis=-1).reshape(-1, 2))
     across, down = _interpolation(len(columns)).T, _interpolation(len(rows))
+    pixels = pixels_of((image for _, image in views), grid).astype(np.float32)
+    maps = down @ pixels.reshape(-1, _CELLS + 1, _CELLS + 1, 2).transpose(0, 3, 1, 2) @ across
     found = []
-    for depth, image in views:
-        pixels = image.pixels(grid).reshape(_CELLS + 1, _CELLS + 1, 2)
-        u, v = ((down @ pixels[..., c] @ across).astype(np.float32) for c in (0, 1))
+    for (depth, image), (u, v) in zip(views, maps, strict=True):
         rgb = cv2.remap(image.rgb, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
-        found.append(RectifiedView(image, depth, rgb.astype(np.float32), grey.astype(np.float64)))
+        found.append(
+            RectifiedView(image, depth, np.asarray(rgb, np.uint8), grey.astype(np.float32))
+        )
     return found
 
 
-def _interpolation(count: int) -> Array:
+def _interpolation(count: int) -> NDArray[np.float32]:
     """Weights (count, knots) of linear interpolation between the knots of the grid."""
-    at = np.linspace(0, _CELLS, count)
-    return np.asarray(np.maximum(0.0, 1 - np.abs(at[:, None] - np.arange(_CELLS + 1))))
+    at = np.linspace(0, _CELLS, count, dtype=np.float32)
+    knots = np.arange(_CELLS + 1, dtype=np.float32)
+    return np.asarray(np.maximum(0, 1 - np.abs(at[:, None] - knots)))

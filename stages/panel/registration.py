@@ -7,6 +7,7 @@ the face inside its outline is compared alone.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from wayside.schemas.measurement import Alignment
 from wayside.schemas.models import LinearModel
 from wayside.stages.kernels import Array
-from wayside.stages.panel.image_alignment import align, warp_to_template
+from wayside.stages.panel.image_alignment import Samples, align, warp_to_template
 from wayside.stages.panel.outline import FaceOutline, fit_face_outline
 from wayside.stages.panel.outline_shapes import segments_of
 from wayside.stages.panel.rectification import PanelPlane, PosedImage, RectifiedView, rectify
@@ -107,11 +108,11 @@ def _registered_to(
     step = max(nearest / image.focal, float(size.max()) / MOST_SAMPLES)
     margin = MARGIN * max(float(size.min()), MARGIN_LONGER * float(size.max()))
     count = np.ceil((size / 2 + margin) / step)
-    columns, rows = (np.arange(-n, n + 1) * step for n in count)
+    columns, rows = (np.arange(0.5 - n, n) * step for n in count)
     near = [view for view in usable if view[0] <= DEPTH_RATIO * nearest]
     template, *others = rectify(plane, columns, rows, near)
     inside = [np.abs(at) <= m / 2 + step for at, m in zip((columns, rows), size, strict=True)]
-    box = np.outer(inside[1], inside[0]).astype(np.float64)
+    box = np.outer(inside[1], inside[0]).astype(np.float32)
     identity = Alignment(np.zeros(2), np.ones(2), 1.0, 0.0, 1.0, np.zeros((4, 4)))
     alone = RegisteredViews(plane, step, [(template, identity)], size, model)
     found = _correlated(template, others, [box] * len(others))
@@ -122,14 +123,14 @@ def _registered_to(
 
 
 def _correlated(
-    template: RectifiedView, others: Sequence[RectifiedView], weights: Sequence[Array]
+    template: RectifiedView, others: Sequence[RectifiedView], weights: Sequence[Samples]
 ) -> list[tuple[RectifiedView, Alignment]]:
     """The views that correlate with the template where their weight is, with their alignment."""
     found = [(v, align_view(template, v, w)) for v, w in zip(others, weights, strict=True)]
     return [(view, a) for view, a in found if a is not None and a.zncc > REGISTERED_ZNCC]
 
 
-def inside_outline(outline: FaceOutline, shape: tuple[int, ...], margin: float) -> Array:
+def inside_outline(outline: FaceOutline, shape: tuple[int, ...], margin: float) -> Samples:
     """1 on the samples inside an outline, farther from it than the margin, and 0 elsewhere: (rows, columns).
 
     A view so many times coarser mixes the face with its background over so many samples.
@@ -139,37 +140,35 @@ def inside_outline(outline: FaceOutline, shape: tuple[int, ...], margin: float) 
     mask = np.zeros(shape, np.uint8)
     cv2.fillConvexPoly(mask, np.round(corners * 16).astype(np.int32), 1, shift=4)
     narrow = cv2.erode(mask, np.ones((3, 3), np.uint8), iterations=int(np.ceil(margin)))
-    return np.asarray(narrow, np.float64)
+    return np.asarray(narrow, np.float32)
 
 
-def align_view(template: RectifiedView, view: RectifiedView, weight: Array) -> Alignment | None:
+def align_view(template: RectifiedView, view: RectifiedView, weight: Samples) -> Alignment | None:
     """Alignment of a view with the template where the weight is; None where it fails or too little is compared."""
     if np.count_nonzero(weight) < FEWEST_SAMPLES:
         return None
     blur = BLUR * np.sqrt(max((view.depth / template.depth) ** 2 - 1, 1e-6))
-    first = np.asarray(cv2.GaussianBlur(template.grey, (0, 0), blur), np.float64)
-    other, mask = view.grey, weight
+    first, other, scale = cv2.GaussianBlur(template.grey, (0, 0), blur), view.grey, np.ones(4)
     if max(weight.shape) > FULL_SIZE_SAMPLES:
-        first, other, mask = (_halved(samples) for samples in (first, other, mask))
-    found = align(first, mask, other, _coarse_shift(first, other, mask))
+        scale[:2] = 2.0
+        first, other, weight = (_halved(samples) for samples in (first, other, weight))
+    first = np.asarray(first, np.float32)
+    found = align(first, weight, other, _coarse_shift(first, weight, other))
     if found is None:
         return None
-    ratio = np.array(weight.shape[::-1]) / mask.shape[::-1]
-    scale = np.diag([*ratio, 1.0, 1.0])
-    return found._replace(shift=found.shift * ratio, covariance=scale @ found.covariance @ scale)
+    covariance = scale[:, None] * found.covariance * scale
+    return found._replace(shift=found.shift * scale[:2], covariance=covariance)
 
 
-def _halved(samples: Array) -> Array:
+def _halved(samples: Any) -> Samples:
     size = (samples.shape[1] // 2, samples.shape[0] // 2)
-    return np.asarray(cv2.resize(samples, size, interpolation=cv2.INTER_AREA), np.float64)
+    return np.asarray(cv2.resize(samples, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
-def _coarse_shift(template: Array, patch: Array, weight: Array) -> Array:
+def _coarse_shift(template: Samples, weight: Samples, patch: Samples) -> Array:
     """Whole-sample shift (2,) of best correlation: the weighted part of the template in all of the patch."""
     rows, columns = np.flatnonzero(weight.any(axis=1)), np.flatnonzero(weight.any(axis=0))
     part = template[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    correlation = cv2.matchTemplate(
-        patch.astype(np.float32), part.astype(np.float32), cv2.TM_CCOEFF_NORMED
-    )
+    correlation = cv2.matchTemplate(patch, part, cv2.TM_CCOEFF_NORMED)
     _, _, _, (left, top) = cv2.minMaxLoc(correlation)
     return np.array([left - columns[0], top - rows[0]], np.float64)

@@ -86,8 +86,8 @@ def test_views_of_which_hardly_anything_is_left_to_compare_are_not_registered(le
     rgb = np.repeat(grey[..., None], 3, axis=2)
     pose = Pose(np.eye(3), np.zeros(3))
     image = PosedImage(0, pose, Camera(60, 60, 50.0, 50.0, 29.5, 29.5), rgb.astype(np.uint8))
-    view = RectifiedView(image, 20.0, rgb.astype(np.float32), grey)
-    weight = np.zeros((60, 60))
+    view = RectifiedView(image, 20.0, image.rgb, grey.astype(np.float32))
+    weight = np.zeros((60, 60), np.float32)
     weight.flat[:left] = 1.0
     assert align_view(view, view, weight) is None
-    assert align_view(view, view, np.ones((60, 60))) is not None
+    assert align_view(view, view, np.ones_like(weight)) is not None
