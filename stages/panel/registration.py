@@ -148,11 +148,11 @@ def align_view(template: RectifiedView, view: RectifiedView, weight: Samples) ->
     if np.count_nonzero(weight) < FEWEST_SAMPLES:
         return None
     blur = BLUR * np.sqrt(max((view.depth / template.depth) ** 2 - 1, 1e-6))
-    first, other, scale = cv2.GaussianBlur(template.grey, (0, 0), blur), view.grey, np.ones(4)
+    first = np.asarray(cv2.GaussianBlur(template.grey, (0, 0), blur), np.float32)
+    other, scale = view.grey, np.ones(4)
     if max(weight.shape) > FULL_SIZE_SAMPLES:
         scale[:2] = 2.0
         first, other, weight = (_halved(samples) for samples in (first, other, weight))
-    first = np.asarray(first, np.float32)
     found = align(first, weight, other, _coarse_shift(first, weight, other))
     if found is None:
         return None
