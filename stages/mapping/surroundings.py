@@ -6,7 +6,7 @@ a lorry or a larger board keeps its surroundings: they look the same round the p
 
 from collections.abc import Iterable
 from itertools import combinations, islice
-from math import nan
+from math import nan, sqrt
 from typing import NamedTuple
 
 import cv2
@@ -37,11 +37,11 @@ _PANEL, _SEARCHED = (slice(_FIRST - more, _LAST + more) for more in (0, SEARCH))
 """Samples of the panel in a patch, each way, and those in which it is searched for."""
 
 
-_OUTSIDE = np.abs(_AT) > GAP / 2
+_OUTSIDE = (np.abs(_AT) > GAP / 2) & (np.abs(_AT) < _AT[-SEARCH])
 _BESIDE = np.outer(np.abs(_AT) < 0.5, _OUTSIDE)
 _ABOVE = np.outer(_OUTSIDE & (_AT < 0), np.abs(_AT) < 0.9)
-_AROUND = (_BESIDE | _ABOVE)[SEARCH:-SEARCH, SEARCH:-SEARCH]
-"""Samples, `SEARCH` off the edges of a patch, beside and above the panel. Below is a post, which moves with it."""
+_AROUND = np.flatnonzero(_BESIDE | _ABOVE)
+"""Numbers of the samples beside and above the panel. Below is a post, which moves with it."""
 
 
 class Patch(NamedTuple):
@@ -60,16 +60,22 @@ def surroundings_correlation(views: Iterable[tuple[NDArray[np.uint8], Array]]) -
     patches = [patch for patch in (patch_of(*view) for view in views) if patch is not None]
     patches.sort(key=lambda patch: -patch.size_px)
     pairs = ((a, b) for a, b in combinations(patches, 2) if a.size_px >= NEARER * b.size_px)
-    found = [correlation_around(near, far) for near, far in islice(pairs, MOST_PAIRS)]
-    return float(np.median(found)) if found else nan
+    aligned = [_aligned(near, far) for near, far in islice(pairs, MOST_PAIRS)]
+    if not aligned:
+        return nan
+    grey = np.array(aligned, np.float64)
+    grey -= grey.mean(axis=2, keepdims=True)
+    one, other = grey.swapaxes(0, 1)
+    power = (grey**2).sum(axis=2) + grey.shape[2] * NOISE**2
+    return float(np.median((one * other).sum(axis=1) / np.sqrt(power.prod(axis=1))))
 
 
 def patch_of(rgb: NDArray[np.uint8], box: Array) -> Patch | None:
     """An image resampled to `SIDES` times the box; None where the image cuts it off, or the panel is small."""
-    middle, size = (box[:2] + box[2:]) / 2, box[2:] - box[:2]
-    size_px = float(np.sqrt(size.prod()))
-    corners = np.round([middle - SIDES / 2 * size, middle + SIDES / 2 * size]).astype(int)
-    (left, top), (right, bottom) = corners
+    x0, y0, x1, y1 = box.tolist()
+    size_px, more = sqrt((x1 - x0) * (y1 - y0)), (SIDES - 1) / 2
+    left, right = round(x0 - more * (x1 - x0)), round(x1 + more * (x1 - x0))
+    top, bottom = round(y0 - more * (y1 - y0)), round(y1 + more * (y1 - y0))
     height, width = rgb.shape[:2]
     inside = 0 <= left < right <= width and 0 <= top < bottom <= height
     if size_px < SMALLEST_PX or not inside:
@@ -79,16 +85,12 @@ def patch_of(rgb: NDArray[np.uint8], box: Array) -> Patch | None:
     return Patch(size_px, small.astype(np.float32))
 
 
-def correlation_around(near: Patch, far: Patch) -> float:
-    """Correlation of what is beside and above the panels of two views, their panels aligned."""
+def _aligned(near: Patch, far: Patch) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Samples beside and above the panels of two views, their panels aligned, the near one as blurred as the far."""
     blurred = cv2.GaussianBlur(near.grey, (0, 0), 0.7 * SAMPLES / SIDES / far.size_px)
     scores = cv2.matchTemplate(
         far.grey[_SEARCHED, _SEARCHED], blurred[_PANEL, _PANEL], cv2.TM_CCOEFF_NORMED
     )
     _, _, _, (right, down) = cv2.minMaxLoc(scores)
-    width = SAMPLES - 2 * SEARCH
-    seen = blurred[SEARCH:-SEARCH, SEARCH:-SEARCH][_AROUND]
-    moved = far.grey[down : down + width, right : right + width][_AROUND]
-    one, other = (grey - grey.mean(dtype=np.float64) for grey in (seen, moved))
-    noise = len(one) * NOISE**2
-    return float(one @ other / np.sqrt((one @ one + noise) * (other @ other + noise)))
+    moved = _AROUND + (down - SEARCH) * SAMPLES + right - SEARCH
+    return np.asarray(blurred, np.float32).ravel()[_AROUND], far.grey.ravel()[moved]
