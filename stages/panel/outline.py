@@ -65,24 +65,9 @@ RIM_FRACTION = 0.7
 """Fraction of the remaining width that is rim."""
 MOST_RIM_INWARD, MOST_RIM_OUTWARD = 0.7, 1.4
 """The rim moves the outline inwards and outwards by this at most."""
-TRIAL_RANGES = (math.inf, 2.0, 2.0)
-"""Range of a side, either way, in each sweep over the sides of a box."""
-
-
-def _moves(directions: Array) -> Array:
-    """Changes of a box and their ranges (d, 5): it grows, then changes along each direction in every sweep."""
-    sweeps = [[*side, reach] for reach in TRIAL_RANGES for side in directions]
-    return np.array([[-1, -1, 1, 1, math.inf], *sweeps])
-
-
 _CENTRE = np.array([[0.5, 0.0, 0.5, 0.0], [0.0, 0.5, 0.0, 0.5]])
 _SIZE = np.array([[-1.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 1.0]])
 """Centre and size by left, top, right, bottom."""
-_MOVES = {
-    False: _moves(np.eye(4)),
-    True: _moves(np.stack([*_CENTRE, _SIZE.sum(axis=0) / 2, *_SIZE / 2])),
-}
-"""How boxes change: sides of a rectangle one by one; shapes of one proportion move and grow."""
 SMALLEST_INWARD = 1.5
 """Candidates lie within the strongest outline by this at most."""
 CANDIDATES_OUTWARD = 0.3
@@ -222,24 +207,21 @@ class Outline(NamedTuple):
 
 def strongest_outlines(gradients: Gradients, box: Array) -> list[Outline]:
     """Outlines of the best shapes near a box, the strongest one of each."""
-    found = [_strongest(gradients, shape, box, COARSE) for shape in OUTLINE_SHAPES]
-    # segments rotate as the proportions change: once more, near by
-    near = [_strongest(gradients, o.shape, o.box, FINE) for o in _best(found, MOST_NEAR)]
-    return [align_sides(gradients, o) for o in _best(near, MOST_INNER)]
+    found, near = list[Outline](), list[Outline]()
+    for shape in OUTLINE_SHAPES:
+        outer, strength = strongest_outline(gradients, TEMPLATES[shape], box, *COARSE)
+        found.append(Outline(shape, outer, 0.0, strength))
+    for one in _best(
+        found, MOST_NEAR
+    ):  # segments rotate as the proportions change: once more, near by
+        outer, strength = strongest_outline(gradients, TEMPLATES[one.shape], one.box, *FINE)
+        near.append(one._replace(box=outer, strength=strength))
+    return [align_sides(gradients, one) for one in _best(near, MOST_INNER)]
 
 
 def _best(found: list[Outline], most: int) -> list[Outline]:
     """The strongest of those that have an area."""
     return sorted((o for o in found if has_area(o.box)), key=lambda o: -o.strength)[:most]
-
-
-def _strongest(
-    gradients: Gradients, shape: str, start: Array, search: tuple[float, float, float]
-) -> Outline:
-    """The strongest outline of a shape near a box."""
-    aspect, moves = ASPECT.get(shape, 0.0), _MOVES[shape in ASPECT]
-    box, strength = strongest_outline(gradients, TEMPLATES[shape], aspect, start, search, moves)
-    return Outline(shape, box, 0.0, strength)
 
 
 def align_sides(gradients: Gradients, outline: Outline) -> Outline:

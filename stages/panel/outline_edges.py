@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.kernels import Array, compiled, compiled_within, require_array
+from wayside.stages.kernels import Array, compiled, require_array
 from wayside.stages.panel.outline_shapes import Segments, placed
 
 OFFSET_STEP = 0.25
@@ -22,6 +22,10 @@ INSIDE = 0.6
 """Fraction of a segment that lies in the views at least."""
 TRIAL_STEP = 0.5
 """Distance between the places and the boxes that are tried for the strongest outline, before it is sought near by."""
+TRIAL_RANGES = (np.inf, 2.0, 2.0)
+"""Range of a side, either way, in each sweep over the sides of a box."""
+MOVES = np.array([[-1, -1, 1, 1, np.inf], *([*s, r] for r in TRIAL_RANGES for s in np.eye(4))])
+"""How a box changes, and how far (d, 5): it grows, then its sides move one by one in every sweep."""
 SEARCH = 3.0
 """The strongest outline is sought so far, either way, at least."""
 
@@ -133,67 +137,35 @@ def _median(values: NDArray[np.float32]) -> NDArray[np.float32]:
 
 @compiled
 def strongest_outline(
-    gradients: Gradients,
-    template: Array,
-    aspect: float,
-    start: Array,
-    search: tuple[float, float, float],
-    moves: Array,
+    gradients: Gradients, template: Array, start: Array, inward: float, outward: float, step: float
 ) -> tuple[Array, float]:
-    """Box (4,) of the strongest outline of a shape near a box, and its mean strength.
+    """Box (4,) of the strongest outline with the segments of a template near a box, and its mean strength.
 
-    `template`: of the shape; `aspect`: its proportion, 0 where it comes in several. `search`: how far inwards and
-    outwards, as fractions of the smaller side, and distance of the places there. `moves`: see `_strongest_box`.
+    `inward`, `outward`: how far, as fractions of the smaller side. `step`: distance of the places. Coordinate ascent
+    along `MOVES`, one after the other.
     """
-    inward, outward, step = search
-    box = start.copy()
-    if aspect > 0:
-        wide, tall = max(box[2] - box[0], 1.0), max(box[3] - box[1], 1.0)
-        for c in range(2):
-            middle = (box[c] + box[c + 2]) / 2
-            half = np.sqrt(wide * tall * aspect) / 2 / (aspect if c else 1.0)
-            box[c], box[c + 2] = middle - half, middle + half
-    side = max(min(box[2] - box[0], box[3] - box[1]), 1.0)
+    side, change, strongest = min(start[2] - start[0], start[3] - start[1]), np.zeros(4), -1.0
     low = -step * np.ceil(max(inward * side + 1, SEARCH) / step)
     high = step * np.ceil(max(outward * side + 1, SEARCH) / step)
-    segments = placed(template, box, 0.0)
-    profiles = np.empty((len(template), round((high - low) / step) + 1))
+    segments, count = placed(template, start, 0.0), len(template)
+    profiles, last = np.empty((count, round((high - low) / step) + 1)), (high - low) / step - 0.001
+    origin, slope = np.empty(count), np.empty(count)
     _edge_profiles(gradients, segments, low, step, profiles)
-    change, strength = _strongest_box(profiles, segments.jacobian, low, moves, step)
-    return box + change, strength
-
-
-@compiled_within
-def _strongest_box(
-    profiles: Array, jacobian: Array, low: float, moves: Array, step: float
-) -> tuple[Array, float]:
-    """Change (4,) of a box whose segments lie on the strongest edges, and their mean strength.
-
-    Coordinate ascent along `moves` (d, 5), one after the other: changes of the sides, and how far they may go.
-    """
-    change = np.zeros(4)
-    count, last = profiles.shape[0], profiles.shape[1] - 1.001
-    high, strongest = low + step * (profiles.shape[1] - 1), -1.0
-    limit = max(-low, high)
-    start, slope = np.empty(count), np.empty(count)
-    for d in range(moves.shape[0]):
+    for move in MOVES:
         for k in range(count):
-            start[k], slope[k] = -low / step, 0.0
+            origin[k], slope[k] = -low / step, 0.0
             for c in range(4):
-                start[k] += jacobian[k, c] * change[c] / step
-                slope[k] += jacobian[k, c] * moves[d, c] / step
-        first, best = max(low, -moves[d, 4]), 0.0
-        for n in range(int(np.ceil((min(high, moves[d, 4]) - first) / TRIAL_STEP))):
+                origin[k] += segments.jacobian[k, c] * change[c] / step
+                slope[k] += segments.jacobian[k, c] * move[c] / step
+        first, best = max(low, -move[4]), 0.0
+        for n in range(int(np.ceil((min(high, move[4]) - first) / TRIAL_STEP))):
             size, total = first + n * TRIAL_STEP, 0.0
             for k in range(count):
-                at = min(max(start[k] + size * slope[k], 0.0), last)
+                at = min(max(origin[k] + size * slope[k], 0.0), last)
                 i = int(at)
                 total += profiles[k, i] + (at - i) * (profiles[k, i + 1] - profiles[k, i])
-            for c in range(4):
-                if abs(change[c] + size * moves[d, c]) > limit:
-                    total = -1.0
-            if total > strongest * count:
+            inside = np.abs(change + size * move[:4]).max() <= max(-low, high)
+            if inside and total > strongest * count:
                 strongest, best = total / count, size
-        for c in range(4):
-            change[c] += best * moves[d, c]
-    return change, strongest
+        change += best * move[:4]
+    return start + change, strongest
