@@ -45,22 +45,17 @@ def compiled(function: Kernel) -> Kernel:
     return cast(Kernel, kernel)
 
 
-def compiled_within(function: Kernel) -> Kernel:
+def compiled_within(function: Kernel, reorder: bool = False) -> Kernel:
     """Like `compiled`, for kernels that only other kernels call.
 
     Their machine code is part of each kernel that calls them and is cached there. They have no cache of their own, and
     no wrapper for callers in Python, which takes long to be compiled where the arguments are many arrays.
+
+    `reorder`: terms of a sum may be added in any order: several at a time, as many as a processor takes. The last
+    digits then depend on the kind of processor, as those of OpenCV and BLAS do.
     """
-    options = _OPTIONS | {"no_cpython_wrapper": True}
-    return cast(Kernel, numba.njit(**options)(function))
-
-
-def compiled_sums(function: Kernel) -> Kernel:
-    """Like `compiled_within`, with the terms of sums in any order: several at a time, as many as a processor takes.
-
-    The last digits depend on the kind of processor, as those of OpenCV and BLAS do.
-    """
-    options = _OPTIONS | {"no_cpython_wrapper": True, "fastmath": {"reassoc", "nsz"}}
+    math = {"reassoc", "nsz"} if reorder else False
+    options = _OPTIONS | {"no_cpython_wrapper": True, "fastmath": math}
     return cast(Kernel, numba.njit(**options)(function))
 
 

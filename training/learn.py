@@ -152,12 +152,12 @@ def _choice(
     panel = PanelPlane.across(np.array(sign["centre"]), -np.array(sign["normal"]), up)
     true = true_box(registered, panel, np.array([sign["width_m"], sign["height_m"]]))
     views = registered.stacked()
-    found = outline_candidates(views, gradients_of(views), registered.box)
-    off = np.array([np.abs(c.outline.box - true).max() for c in found])
-    off[[c.outline.shape != _shape(sign) for c in found]] = np.inf
+    found, features = outline_candidates(views, gradients_of(views), registered.box)
+    off = np.array([np.abs(outline.box - true).max() for outline in found])
+    off[[outline.shape != _shape(sign) for outline in found]] = np.inf
     if not len(found) or off.min() > NEAREST:
         return None
-    return OutlineChoice(np.array([c.features for c in found]), [int(off.argmin())], drive)
+    return OutlineChoice(features, [int(off.argmin())], drive)
 
 
 def true_box(registered: RegisteredViews, panel: PanelPlane, size: Floats) -> Floats:

@@ -5,6 +5,7 @@ patches of tie points, a face is compared as a whole and has a stretch for each 
 facing.
 """
 
+from functools import partial
 from typing import Any
 
 import cv2
@@ -16,7 +17,6 @@ from wayside.stages.geometry import cholesky_solve
 from wayside.stages.kernels import (
     Array,
     compiled,
-    compiled_sums,
     compiled_within,
     require_array,
 )
@@ -68,7 +68,7 @@ def _variance(squares: float, inside: float) -> float:
     return max(squares / independent, SMALLEST_VARIANCE)
 
 
-@compiled_sums
+@partial(compiled_within, reorder=True)
 def _normal_equations(samples: Samples, patch: Samples, x: Array, normal: Array) -> None:
     # Fills the products (7, 7) of derivatives by shift, stretch, gain, bias x, and of the residual, with the weights.
     width, grey, one, zero = np.uint32(patch.shape[1]), patch.reshape(-1), np.uint32(1), SINGLE(0)

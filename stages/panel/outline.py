@@ -32,9 +32,7 @@ from wayside.stages.panel.outline_shapes import (
     ASPECT,
     OUTLINE_SHAPES,
     TEMPLATES,
-    box_size,
     growth,
-    has_area,
     placed,
     segments_of,
 )
@@ -123,13 +121,6 @@ class FaceOutline(NamedTuple):
         return np.asarray(np.sqrt(np.diag(_CENTRE @ self.covariance @ _CENTRE.T)))
 
 
-class OutlineCandidate(NamedTuple):
-    """An outline that may be the outer one, and its features (11,), named by `OUTLINE_FEATURES`."""
-
-    outline: "Outline"
-    features: Array
-
-
 def fit_face_outline(
     views: NDArray[np.float32], box: Array, model: LinearModel
 ) -> FaceOutline | None:
@@ -143,17 +134,17 @@ def fit_face_outline(
     if model.features != OUTLINE_FEATURES:
         raise ValueError(f"a model of {model.features} instead of {OUTLINE_FEATURES}")
     gradients = gradients_of(views)
-    candidates = outline_candidates(views, gradients, box)
+    candidates, features = outline_candidates(views, gradients, box)
     if not candidates:
         return None
-    value = np.array([candidate.features for candidate in candidates]) @ model.weights
+    value = features @ model.weights
     best = int(np.argmax(value))
     probability = np.exp(value - value[best])
     probability /= probability.sum()
-    chosen = candidates[best].outline
+    chosen = candidates[best]
     sharp = gradients[:SHARP_VIEWS]
     fine = chosen._replace(box=chosen.box + rim_correction(sharp, chosen))
-    rivals = np.array([candidate.outline.box for candidate in candidates]) - chosen.box
+    rivals = np.array([candidate.box for candidate in candidates]) - chosen.box
     covariance = (rivals.T * probability) @ rivals
     covariance += np.diag(side_variances(sharp, fine))
     return FaceOutline(chosen.shape, fine.box, fine.rotation, chosen.strength, covariance)
@@ -161,12 +152,13 @@ def fit_face_outline(
 
 def outline_candidates(
     views: NDArray[np.float32], gradients: Gradients, box: Array
-) -> list[OutlineCandidate]:
-    """Outlines parallel to the strongest of the best shapes, with their features."""
-    candidates, step = [], OFFSET_STEP
+) -> tuple[list["Outline"], Array]:
+    """Outlines parallel to the strongest of the best shapes, and `OUTLINE_FEATURES` (n, 11) of each."""
+    candidates, step = list[Outline](), OFFSET_STEP
+    features = [np.empty((0, len(OUTLINE_FEATURES)))]
     for inner in strongest_outlines(gradients, box):
         low = -(SMALLEST_INWARD + STRIP)
-        side = float(box_size(inner.box).min())
+        side = float((inner.box[2:] - inner.box[:2]).min())
         high = step * np.ceil((CANDIDATES_OUTWARD * side + 1) / step)
         segments = segments_of(inner.shape, inner.box, inner.rotation)
         profiles = edge_profiles(gradients, segments, low, high)
@@ -181,15 +173,14 @@ def outline_candidates(
         peaks, edge, outer = peaks[likely], edge[likely], outer[likely]
         uneven, wide = strip_unevenness(views, segments, low, high), round(STRIP / step) - 1
         strip = [float(uneven[max(0, (i - wide) // 2) : i // 2 + 1].min()) for i in peaks.tolist()]
-        features = _features(inner, outer, box, edge, np.array(strip))
-        for own, row in zip(outer, features, strict=True):
-            candidates.append(OutlineCandidate(inner._replace(box=own), row))
-    return candidates
+        features.append(_features(inner, outer, box, edge, np.array(strip)))
+        candidates += [inner._replace(box=own) for own in outer]
+    return candidates, np.concatenate(features)
 
 
 def _features(inner: "Outline", outer: Array, detected: Array, edge: Array, strip: Array) -> Array:
     """`OUTLINE_FEATURES` (n, 11) of boxes (n, 4), by their strength and the unevenness inside, (n,)."""
-    wide, tall = np.log((outer[:, 2:] - outer[:, :2]) / box_size(detected)).T
+    wide, tall = np.log((outer[:, 2:] - outer[:, :2]) / (detected[2:] - detected[:2])).T
     uneven, one = np.minimum(strip, _MOST_UNEVEN) / _UNEVEN_LEVELS, np.ones(len(outer))
     of_edge = [edge, np.log(edge), inner.strength * one, uneven, edge * uneven]
     of_size = [wide, tall, wide**2, tall**2, np.abs(wide - tall)]
@@ -220,8 +211,9 @@ def strongest_outlines(gradients: Gradients, box: Array) -> list[Outline]:
 
 
 def _best(found: list[Outline], most: int) -> list[Outline]:
-    """The strongest of those that have an area."""
-    return sorted((o for o in found if has_area(o.box)), key=lambda o: -o.strength)[:most]
+    """The strongest of those that are a sample or more wide and high: a narrower one has no outline."""
+    wide = (one for one in found if (one.box[2:] - one.box[:2]).min() >= 1.0)
+    return sorted(wide, key=lambda one: -one.strength)[:most]
 
 
 def align_sides(gradients: Gradients, outline: Outline) -> Outline:

@@ -117,16 +117,6 @@ def box_round(shape: str, box: Array, rotation: float) -> Array:
     return np.concatenate([corners.min(axis=0), corners.max(axis=0)])
 
 
-def box_size(box: Array) -> Array:
-    """Width and height (2,) of a box, one sample at least."""
-    return np.asarray(np.maximum(box[2:] - box[:2], 1.0))
-
-
-def has_area(box: Array) -> bool:
-    """Whether a box (4,) is a sample or more wide and high: a narrower one has no outline."""
-    return bool((box[2:] - box[:2]).min() >= 1.0)
-
-
 def growth(segments: Segments) -> Array:
     """Change (4,) of the box that moves all segments one sample outwards (least squares)."""
     moves = segments.jacobian[:, :4]
