@@ -22,7 +22,6 @@ from wayside.stages.panel.outline_edges import (
     OFFSET_STEP,
     TRIAL_STEP,
     Gradients,
-    _edge_profiles,
     edge_profiles,
     gradients_of,
     strip_unevenness,
@@ -234,10 +233,10 @@ def _align_sides(gradients: Gradients, template: Array, aspect: float, x: Array)
     # Moves box and rotation x (5,); False where two sides meet.
     count, half = len(template), round(SIDE_SEARCH / OFFSET_STEP)
     width, power = 2 * half + 1, 0.0
-    profiles, offset, weight = np.empty((count, 2 * width - 1)), np.empty(count), np.empty(count)
+    offset, weight = np.empty(count), np.empty(count)
     for _ in range(SIDE_ROUNDS):
         segments = placed(template, x[:4], x[4])
-        _edge_profiles(gradients, segments, -2 * SIDE_SEARCH, OFFSET_STEP, profiles)
+        profiles = edge_profiles(gradients, segments, -2 * SIDE_SEARCH, 2 * SIDE_SEARCH)
         mean = profiles[:, half : half + width].sum(axis=0) / count
         power = (mean * mean).sum()
         for k in range(count):

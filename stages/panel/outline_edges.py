@@ -56,6 +56,7 @@ def _gradients(view: NDArray[np.float32], gradient: NDArray[np.float32]) -> None
             gradient[i, j, 0], gradient[i, j, 1] = across[k], along[k]
 
 
+@compiled
 def edge_profiles(
     gradients: Gradients, segments: Segments, low: float, high: float, step: float = OFFSET_STEP
 ) -> Array:
@@ -64,14 +65,6 @@ def edge_profiles(
     Segments that leave the views have strength 0.
     """
     profiles = np.empty((len(segments.normal), round((high - low) / step) + 1))
-    _edge_profiles(gradients, segments, low, step, profiles)
-    return profiles
-
-
-@compiled
-def _edge_profiles(
-    gradients: Gradients, segments: Segments, low: float, step: float, profiles: Array
-) -> None:
     # Over the offsets innermost, without a branch: the compiler computes several at a time.
     (views, rows, columns), (begin, end, normal, _) = gradients.shape[:3], segments
     size, pixels, level = profiles.shape[1], gradients.reshape(views, -1), EDGE_LEVEL * EDGE_LEVEL
@@ -106,6 +99,7 @@ def _edge_profiles(
         for m in range(size):
             enough = profiles[k, m] >= INSIDE * count
             profiles[k, m] = total[m] / (profiles[k, m] * views) if enough else 0.0
+    return profiles
 
 
 def strip_unevenness(
@@ -148,9 +142,11 @@ def strongest_outline(
     low = -step * np.ceil(max(inward * side + 1, SEARCH) / step)
     high = step * np.ceil(max(outward * side + 1, SEARCH) / step)
     segments, count = placed(template, start, 0.0), len(template)
-    profiles, last = np.empty((count, round((high - low) / step) + 1)), (high - low) / step - 0.001
     origin, slope = np.empty(count), np.empty(count)
-    _edge_profiles(gradients, segments, low, step, profiles)
+    profiles, last = (
+        edge_profiles(gradients, segments, low, high, step),
+        (high - low) / step - 0.001,
+    )
     for move in MOVES:
         for k in range(count):
             origin[k], slope[k] = -low / step, 0.0
