@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wayside.stages.geometry import invert_symmetric
-from wayside.stages.kernels import Array, compiled
+from wayside.stages.kernels import Array
 from wayside.stages.panel.rectification import PanelPlane
 
 FACING_SIGMA = float(np.radians(8.0))
@@ -51,54 +50,27 @@ def solve_facing(
     deviations. `cauchy`: scale of the Cauchy weights, standard deviations. `aspect`: width over height if the shape has
     one proportion. `facing_sigma`, `aspect_sigma`: prior scatter of the angle, rad, and of the proportion, relative.
     """
-    x = np.array([0.0, *np.log(np.median(sizes, axis=0))])
-    away = plane.point - centres
-    place = np.stack([away @ plane.right, away @ plane.ahead], axis=1)
-    priors, covariance = (cauchy, facing_sigma, aspect or 0.0, aspect_sigma), np.empty((3, 3))
-    _gauss_newton(place, np.log(sizes), np.asarray(sigmas, np.float64), priors, x, covariance)
-    return Facing(float(x[0]), x[1:].copy(), covariance)
-
-
-@compiled
-def _gauss_newton(
-    place: Array,
-    observed: Array,
-    sigmas: Array,
-    priors: tuple[float, float, float, float],
-    x: Array,
-    covariance: Array,
-) -> None:
-    # Moves angle and log sizes x (3,). `place` (v, 2): of the panel, to the right of a camera and ahead of it.
-    cauchy, facing_sigma, aspect, aspect_sigma = priors
-    normal, right, step, by = np.empty((3, 3)), np.empty(3), np.empty(3), np.empty(3)
+    x, observed = np.array([0.0, *np.log(np.median(sizes, axis=0))]), np.log(sizes)
+    beside, ahead = ((plane.point - centres) @ axis for axis in (plane.right, plane.ahead))
+    jacobian = np.zeros((len(sizes), 2, 3))
+    jacobian[:, 0, 1] = jacobian[:, 1, 2] = 1.0
+    prior, pull = np.diag([1 / facing_sigma**2, 0.0, 0.0]), np.zeros(3)
+    if aspect is not None:
+        by = np.array([0.0, 1.0, -1.0]) / aspect_sigma
+        prior, pull = prior + np.outer(by, by), by * np.log(aspect) / aspect_sigma
+    covariance: Array = np.zeros((3, 3))
     for _ in range(FACING_ITERATIONS):
-        normal[:] = right[:] = 0.0
-        normal[0, 0], right[0] = 1 / facing_sigma**2, -x[0] / facing_sigma**2
-        if aspect > 0:
-            off = (np.log(aspect) - x[1] + x[2]) / aspect_sigma**2
-            right[1], right[2] = off, -off
-            normal[1, 1] = normal[2, 2] = 1 / aspect_sigma**2
-            normal[1, 2] = normal[2, 1] = -normal[1, 1]
-        for v in range(place.shape[0]):
-            for side in range(2):
-                by[:], residual = 0.0, observed[v, side] - x[1 + side]
-                by[1 + side] = 1.0
-                if side == 0:
-                    # the end that is turned away covers less of the plane than the other one
-                    beside, ahead, half = place[v, 0], place[v, 1], np.exp(x[1]) / 2
-                    c, s = half * np.cos(x[0]), half * np.sin(x[0])
-                    wide, room = beside * s + c * ahead, ahead * ahead - s * s
-                    residual = observed[v, 0] - np.log(2 * ahead * wide / room)
-                    by[0] = (beside * c - s * ahead) / wide + 2 * s * c / room
-                off = residual / sigmas[v, side]
-                weight = 1 / (1 + (off / cauchy) ** 2) / sigmas[v, side] ** 2
-                for k in range(3):
-                    right[k] += weight * residual * by[k]
-                    for m in range(3):
-                        normal[k, m] += weight * by[k] * by[m]
-        invert_symmetric(normal, 0.0, 0.0, covariance)
-        for k in range(3):
-            step[k] = (covariance[k] * right).sum()
-            x[k] += min(max(step[k], -FACING_STEP), FACING_STEP)
+        c, s = np.exp(x[1]) / 2 * np.array([np.cos(x[0]), np.sin(x[0])])
+        # the end that is turned away covers less of the plane than the other one
+        wide, room = beside * s + ahead * c, ahead**2 - s**2
+        jacobian[:, 0, 0] = (beside * c - ahead * s) / wide + 2 * s * c / room
+        residual = observed - x[1:]
+        residual[:, 0] = observed[:, 0] - np.log(2 * ahead * wide / room)
+        weight = 1 / (1 + (residual / sigmas / cauchy) ** 2) / sigmas**2
+        weighted = (jacobian * weight[..., None]).reshape(-1, 3).T
+        covariance = np.linalg.inv(weighted @ jacobian.reshape(-1, 3) + prior).astype(np.float64)
+        step = covariance @ (weighted @ residual.ravel() + pull - prior @ x)
+        x = x + np.clip(step, -FACING_STEP, FACING_STEP)
         if np.abs(step).max() < FACING_CONVERGED:
             break
+    return Facing(float(x[0]), x[1:].copy(), covariance)

@@ -54,22 +54,31 @@ def align(template: Samples, weight: Samples, patch: Samples, start: Array) -> A
     """
     for name, samples in (("template", template), ("weight", weight), ("patch", patch)):
         require_array(samples, name, np.float32, template.shape)
-    x, covariance = np.array([start[0], start[1], 1.0, 1.0, 1.0, 0.0]), np.empty((4, 4))
-    zncc = _gauss_newton(template, weight, patch, x, covariance)
-    if zncc < 0:
+    x, normal = np.array([start[0], start[1], 1.0, 1.0, 1.0, 0.0]), np.empty((7, 7))
+    spread = _gauss_newton(template, weight, patch, x, normal)
+    if not spread > 0 or x[4] <= 0:
         return None
+    try:
+        inverse = np.asarray(np.linalg.inv(normal[:6, :6]), np.float64)
+    except np.linalg.LinAlgError:
+        return None
+    squares, inside = float(normal[6, 6]), float(normal[5, 5])
+    zncc = float(np.sqrt(max(0.0, 1 - squares / spread)))
+    covariance = inverse[:4, :4] * variance_of(squares, inside)
     return Alignment(x[:2].copy(), x[2:4].copy(), float(x[4]), float(x[5]), zncc, covariance)
 
 
-@compiled_within
-def _variance(squares: float, inside: float) -> float:
+@compiled
+def variance_of(squares: float, inside: float) -> float:
     """Variance of a sample; neighbouring samples share a pixel of the image and are not independent."""
     independent = max(inside / SAMPLES_PER_INDEPENDENT, 1.0)
     return max(squares / independent, SMALLEST_VARIANCE)
 
 
 @partial(compiled_within, reorder=True)
-def _normal_equations(samples: Samples, patch: Samples, x: Array, normal: Array) -> None:
+def _normal_equations(
+    samples: Samples, count: int, patch: Samples, x: Array, normal: Array
+) -> None:
     # Fills the products (7, 7) of derivatives by shift, stretch, gain, bias x, and of the residual, with the weights.
     width, grey, one, zero = np.uint32(patch.shape[1]), patch.reshape(-1), np.uint32(1), SINGLE(0)
     end_u, end_v = SINGLE(patch.shape[1] - 1), SINGLE(patch.shape[0] - 1)
@@ -78,7 +87,7 @@ def _normal_equations(samples: Samples, patch: Samples, x: Array, normal: Array)
     # nothing is stored within the loop, which lets the compiler compute several samples at a time
     gg = gh = gi = gj = gp = gw = gr = hh = hi = hj = hp = hw = hr = ii = ij = zero
     ip = iw = ir = jj = jp = jw = jr = pp = pw = pr = ww = wr = rr = zero
-    for n in range(samples.shape[1]):
+    for n in range(count):
         right, down, value, weight = samples[0, n], samples[1, n], samples[2, n], samples[3, n]
         u, v = first_u + wide * right, first_v + tall * down
         within = (u >= zero) & (u < end_u) & (v >= zero) & (v < end_v)
@@ -99,74 +108,77 @@ def _normal_equations(samples: Samples, patch: Samples, x: Array, normal: Array)
         jj, jp, jw, jr = jj + j * j, jp + j * p, jw + j * w, jr + j * r
         pp, pw, pr = pp + p * p, pw + p * w, pr + p * r
         ww, wr, rr = ww + w * w, wr + w * r, rr + r * r
-    normal[0], normal[1, 1:] = (gg, gh, gi, gj, gp, gw, gr), (hh, hi, hj, hp, hw, hr)
-    normal[2, 2:], normal[3, 3:] = (ii, ij, ip, iw, ir), (jj, jp, jw, jr)
-    normal[4, 4:], normal[5, 5:], normal[6, 6] = (pp, pw, pr), (ww, wr), rr
+    first, n = (gg, gh, gi, gj, gp, gw, gr, hh, hi, hj, hp, hw, hr, ii, ij, ip, iw, ir), 0
+    sums = (*first, jj, jp, jw, jr, pp, pw, pr, ww, wr, rr)
     for k in range(7):
-        normal[k:, k] = normal[k, k:]
+        for m in range(k, 7):
+            normal[k, m] = normal[m, k] = sums[n]
+            n += 1
 
 
 @compiled_within
-def _compared(template: Samples, weight: Samples) -> tuple[Samples, float, float]:
-    # Place from the middle, value, and root of the weight (4, n); sum of weights and squares about the mean.
-    samples = np.empty((4, np.count_nonzero(weight)), np.float32)
+def _compared(template: Samples, weight: Samples, samples: Samples) -> tuple[int, float, float]:
+    # Fills place from the middle, value, and root of the weight (4, n); n, sum of weights and squares about the mean.
+    rows, columns = template.shape
     count, total, first, second = 0, 0.0, 0.0, 0.0
-    for i in range(template.shape[0]):
-        for j in range(template.shape[1]):
+    for i in range(rows):
+        for j in range(columns):
             w, value = weight[i, j], template[i, j]
             if w > 0:
-                samples[0, count] = j - (template.shape[1] - 1) / 2
-                samples[1, count] = i - (template.shape[0] - 1) / 2
+                samples[0, count], samples[1, count] = j - (columns - 1) / 2, i - (rows - 1) / 2
                 samples[2, count], samples[3, count] = value, np.sqrt(w)
                 count, total = count + 1, total + w
                 first, second = first + w * value, second + w * value * value
-    return samples, total, second - first * first / total
+    return count, total, second - first * first / total
+
+
+@compiled_within
+def _solve(normal: Array, prior: float, x: Array, factor: Array, step: Array) -> bool:
+    # Fills the step (6,) from x, with a prior of the stretches.
+    for c in range(6):
+        step[c] = normal[6, c]
+        for m in range(6):
+            factor[c, m] = normal[c, m]
+    for c in (2, 3):
+        factor[c, c] += prior
+        step[c] -= prior * (x[c] - 1.0)
+    return cholesky_solve(factor, step)
 
 
 @compiled
 def _gauss_newton(
-    template: Samples, weight: Samples, patch: Samples, x: Array, covariance: Array
+    template: Samples, weight: Samples, patch: Samples, x: Array, normal: Array
 ) -> float:
-    # Moves x (6,) to the minimum, and fills the covariance (4, 4) of the first; ZNCC there, or -1 where it fails.
+    # Moves x (6,) to the minimum, with its normal equations (7, 7); sum of squares about the mean, or 0 where it fails.
     half_u, half_v = (template.shape[1] - 1) / 2, (template.shape[0] - 1) / 2
-    samples, total, spread = _compared(template, weight)
-    if not spread > 0:
-        return -1.0
-    normal = np.empty((7, 7))
+    samples, factor = np.empty((4, template.size), SINGLE), np.empty((6, 6))
+    count, total, spread = _compared(template, weight, samples)
     start_u, start_v, step, least = x[0], x[1], np.zeros(6), np.inf
     for k in range(ITERATIONS + 1):
-        _normal_equations(samples, patch, x, normal)
+        _normal_equations(samples, count, patch, x, normal)
         inside, squares = normal[5, 5], normal[6, 6]
         if inside < INSIDE * total:
-            return -1.0
-        across = abs(step[0]) + half_u * abs(step[2])
-        if k == ITERATIONS or (k and max(across, abs(step[1]) + half_v * abs(step[3])) < CONVERGED):
+            return 0.0
+        moved = max(abs(step[0]) + half_u * abs(step[2]), abs(step[1]) + half_v * abs(step[3]))
+        if k == ITERATIONS or (k and moved < CONVERGED):
             break
         if squares > least * inside:
             # too far: between samples the slope of a patch jumps, and full steps go to and fro across such a place
-            step *= 0.5
-            x -= step
+            for c in range(6):
+                step[c] *= 0.5
+                x[c] -= step[c]
         else:
             least = squares / inside
-            prior = _variance(squares, inside) / STRETCH_SIGMA**2
-            step[:] = normal[6, :6]
-            for c in (2, 3):
-                normal[c, c] += prior
-                step[c] -= prior * (x[c] - 1.0)
-            if not cholesky_solve(normal[:6, :6], step):
-                return -1.0
-            x += step
+            prior = variance_of(squares, inside) / STRETCH_SIGMA**2
+            if not _solve(normal, prior, x, factor, step):
+                return 0.0
+            for c in range(6):
+                x[c] += step[c]
         if max(abs(x[0] - start_u), abs(x[1] - start_v)) > LARGEST_SHIFT:
-            return -1.0
+            return 0.0
         if max(abs(x[2] - 1), abs(x[3] - 1)) > LARGEST_STRETCH:
-            return -1.0
-    for c in range(4):
-        step[:], factor = 0.0, normal[:6, :6].copy()
-        step[c] = _variance(squares, inside)
-        if not cholesky_solve(factor, step):
-            return -1.0
-        covariance[c] = step[:4]
-    return np.sqrt(max(0.0, 1 - squares / spread)) if x[4] > 0 else -1.0
+            return 0.0
+    return spread
 
 
 def warp_to_template(view: NDArray[Any], found: Alignment) -> NDArray[np.float32]:

@@ -50,8 +50,8 @@ SIDE_SIGMA = 1.0
 """Scatter of a side about its start (prior)."""
 RIVAL_SIGMAS = 4.0
 """Edges within so many standard deviations of a side, either way, are its rivals."""
-ROTATION_SIGMA_DEG = 1.5
-"""Scatter of the rotation in the plane (prior)."""
+ROTATION_SIGMA = float(np.radians(1.5))
+"""Scatter of the rotation in the plane, rad (prior)."""
 ASPECT_SIGMA = 0.03
 """Relative scatter of the proportion of shapes that have one."""
 EDGE_SIGMA, EDGE_CAUCHY = 0.35, 0.5
@@ -160,7 +160,7 @@ def outline_candidates(
         side = float((inner.box[2:] - inner.box[:2]).min())
         high = step * np.ceil((CANDIDATES_OUTWARD * side + 1) / step)
         segments = segments_of(inner.shape, inner.box, inner.rotation)
-        profiles = edge_profiles(gradients, segments, low, high)
+        profiles = edge_profiles(gradients, segments, low, high, step)
         kept = math.ceil(WEAKER_PART * len(profiles))
         strength = np.sort(profiles, axis=0)[:kept].mean(axis=0)
         left, here, right = strength[:-2], strength[1:-1], strength[2:]
@@ -231,14 +231,15 @@ def align_sides(gradients: Gradients, outline: Outline) -> Outline:
 @compiled
 def _align_sides(gradients: Gradients, template: Array, aspect: float, x: Array) -> bool:
     # Moves box and rotation x (5,); False where two sides meet.
-    count, half = len(template), round(SIDE_SEARCH / OFFSET_STEP)
-    width, power = 2 * half + 1, 0.0
-    offset, weight = np.empty(count), np.empty(count)
+    count, half, reach = len(template), round(SIDE_SEARCH / OFFSET_STEP), 2 * SIDE_SEARCH
+    width, offset, weight = 2 * half + 1, np.empty(count), np.empty(count)
     for _ in range(SIDE_ROUNDS):
-        segments = placed(template, x[:4], x[4])
-        profiles = edge_profiles(gradients, segments, -2 * SIDE_SEARCH, 2 * SIDE_SEARCH)
-        mean = profiles[:, half : half + width].sum(axis=0) / count
-        power = (mean * mean).sum()
+        segments, mean, power = placed(template, x[:4], x[4]), np.zeros(width), 0.0
+        profiles = edge_profiles(gradients, segments, -reach, reach, OFFSET_STEP)
+        for n in range(width):
+            for k in range(count):
+                mean[n] += profiles[k, half + n] / count
+            power += mean[n] * mean[n]
         for k in range(count):
             alike, square, best = np.zeros(width), np.zeros(width), -np.inf
             for i in range(width):
@@ -264,34 +265,38 @@ def _fit_sides(x: Array, aspect: float, jacobian: Array, offset: Array, weight: 
     Sides and rotation scatter about where they are, and a shape of one proportion about that; in units of the scatter
     of an edge.
     """
-    change, start = np.zeros(5), np.zeros((5, 6))
-    for c in range(5):
-        sigma = SIDE_SIGMA if c < 4 else np.radians(ROTATION_SIGMA_DEG)
-        start[c, c] = (EDGE_SIGMA / sigma) ** 2
+    change, normal, hold = np.zeros(5), np.empty((5, 5)), 0.0
+    by = (-1.0, aspect, 1.0, -aspect, 0.0)
+    off = by[0] * x[0] + by[1] * x[1] + by[2] * x[2] + by[3] * x[3]
     if aspect > 0:
-        by = np.array([-1.0, aspect, 1.0, -aspect, 0.0])
-        hold, off = (EDGE_SIGMA / (ASPECT_SIGMA * (x[2] - x[0]))) ** 2, (by * x).sum()
-        for c in range(5):
-            start[c, :5] += hold * by[c] * by
-            start[c, 5] -= hold * by[c] * off
+        hold = (EDGE_SIGMA / (ASPECT_SIGMA * (x[2] - x[0]))) ** 2
     for _ in range(FIT_ITERATIONS):
-        normal, right = start[:, :5].copy(), start[:, 5].copy()
+        right = np.empty(5)
+        for c in range(5):
+            right[c] = -hold * by[c] * off
+            for d in range(5):
+                normal[c, d] = hold * by[c] * by[d]
+            normal[c, c] += (EDGE_SIGMA / (SIDE_SIGMA if c < 4 else ROTATION_SIGMA)) ** 2
         for k in range(len(offset)):
-            residual = (offset[k] - (jacobian[k] * change).sum()) / EDGE_CAUCHY
-            weighted = weight[k] / (1 + residual * residual) * jacobian[k]
-            right += weighted * offset[k]
+            residual = offset[k]
             for c in range(5):
-                normal[c] += weighted[c] * jacobian[k]
+                residual -= jacobian[k, c] * change[c]
+            pull = weight[k] / (1 + (residual / EDGE_CAUCHY) ** 2)
+            for c in range(5):
+                right[c] += pull * jacobian[k, c] * offset[k]
+                for d in range(5):
+                    normal[c, d] += pull * jacobian[k, c] * jacobian[k, d]
         cholesky_solve(normal, right)
         change = right
-    x += change
+    for c in range(5):
+        x[c] += change[c]
 
 
 def rim_correction(gradients: Gradients, outline: Outline) -> Array:
     """Change (4,) of a box for a rim too narrow to have an edge of its own: it widens the outer flank of the edge."""
     segments = segments_of(outline.shape, outline.box, outline.rotation)
     reach, step = FLANK, OFFSET_STEP
-    profile = edge_profiles(gradients, segments, -reach, reach + 1).mean(axis=0)
+    profile = edge_profiles(gradients, segments, -reach, reach + 1, step).mean(axis=0)
     centre, near = round(reach / step), round(1 / step)
     top = centre - near + int(np.argmax(profile[centre - near : centre + near + 1]))
     fallen = np.flatnonzero(profile[top:] < profile[top] / 2)
@@ -310,7 +315,7 @@ def side_variances(gradients: Gradients, outline: Outline) -> Array:
     segments = segments_of(outline.shape, outline.box, outline.rotation)
     step = OFFSET_STEP
     reach = step * np.ceil(RIVAL_SIGMAS * SIDE_SIGMA / step)
-    profiles = edge_profiles(gradients, segments, -reach, reach)
+    profiles = edge_profiles(gradients, segments, -reach, reach, step)
     offset = np.linspace(-reach, reach, profiles.shape[1])
     moves = segments.jacobian[:, :4, None]
     at = (moves * offset + reach) / step

@@ -58,7 +58,7 @@ def _gradients(view: NDArray[np.float32], gradient: NDArray[np.float32]) -> None
 
 @compiled
 def edge_profiles(
-    gradients: Gradients, segments: Segments, low: float, high: float, step: float = OFFSET_STEP
+    gradients: Gradients, segments: Segments, low: float, high: float, step: float
 ) -> Array:
     """Strength of the edge along each segment at offsets low, low + step, ... (k, m), 0 to 1, over the views.
 
@@ -138,30 +138,36 @@ def strongest_outline(
     `inward`, `outward`: how far, as fractions of the smaller side. `step`: distance of the places. Coordinate ascent
     along `MOVES`, one after the other.
     """
-    side, change, strongest = min(start[2] - start[0], start[3] - start[1]), np.zeros(4), -1.0
+    change, count, strongest = np.zeros(4), len(template), -1.0
+    side = min(start[2] - start[0], start[3] - start[1])
     low = -step * np.ceil(max(inward * side + 1, SEARCH) / step)
     high = step * np.ceil(max(outward * side + 1, SEARCH) / step)
-    segments, count = placed(template, start, 0.0), len(template)
-    origin, slope = np.empty(count), np.empty(count)
+    segments, limit = placed(template, start, 0.0), max(-low, high)
     profiles, last = (
         edge_profiles(gradients, segments, low, high, step),
         (high - low) / step - 0.001,
     )
-    for move in MOVES:
+    origin, slope = np.empty(count), np.empty(count)
+    for d in range(MOVES.shape[0]):
         for k in range(count):
             origin[k], slope[k] = -low / step, 0.0
             for c in range(4):
                 origin[k] += segments.jacobian[k, c] * change[c] / step
-                slope[k] += segments.jacobian[k, c] * move[c] / step
-        first, best = max(low, -move[4]), 0.0
-        for n in range(int(np.ceil((min(high, move[4]) - first) / TRIAL_STEP))):
+                slope[k] += segments.jacobian[k, c] * MOVES[d, c] / step
+        first, best = max(low, -MOVES[d, 4]), 0.0
+        for n in range(int(np.ceil((min(high, MOVES[d, 4]) - first) / TRIAL_STEP))):
             size, total = first + n * TRIAL_STEP, 0.0
             for k in range(count):
                 at = min(max(origin[k] + size * slope[k], 0.0), last)
                 i = int(at)
                 total += profiles[k, i] + (at - i) * (profiles[k, i + 1] - profiles[k, i])
-            inside = np.abs(change + size * move[:4]).max() <= max(-low, high)
-            if inside and total > strongest * count:
+            for c in range(4):
+                if abs(change[c] + size * MOVES[d, c]) > limit:
+                    total = -1.0
+            if total > strongest * count:
                 strongest, best = total / count, size
-        change += best * move[:4]
-    return start + change, strongest
+        for c in range(4):
+            change[c] += best * MOVES[d, c]
+    for c in range(4):
+        change[c] += start[c]
+    return change, strongest
