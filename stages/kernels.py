@@ -50,9 +50,7 @@ def compiled_within(function: Kernel, reorder: bool = False) -> Kernel:
 
     Their machine code is part of each kernel that calls them and is cached there. They have no cache of their own, and
     no wrapper for callers in Python, which takes long to be compiled where the arguments are many arrays.
-
-    `reorder`: terms of a sum may be added in any order: several at a time, as many as a processor takes. The last
-    digits then depend on the kind of processor, as those of OpenCV and BLAS do.
+    `reorder`: terms of sums are added in any order, several at a time; the last digits then depend on the processor.
     """
     math = {"reassoc", "nsz"} if reorder else False
     options = _OPTIONS | {"no_cpython_wrapper": True, "fastmath": math}

@@ -35,8 +35,6 @@ _AT = ((np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5) * SIDES
 _FIRST, _LAST = np.flatnonzero(np.abs(_AT) < 0.5)[[0, -1]] + [0, 1]
 _PANEL, _SEARCHED = (slice(_FIRST - more, _LAST + more) for more in (0, SEARCH))
 """Samples of the panel in a patch, each way, and those in which it is searched for."""
-
-
 _OUTSIDE = (np.abs(_AT) > GAP / 2) & (np.abs(_AT) < _AT[-SEARCH])
 _BESIDE = np.outer(np.abs(_AT) < 0.5, _OUTSIDE)
 _ABOVE = np.outer(_OUTSIDE & (_AT < 0), np.abs(_AT) < 0.9)

@@ -14,12 +14,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.measurement import Alignment
 from wayside.stages.geometry import cholesky_solve
-from wayside.stages.kernels import (
-    Array,
-    compiled,
-    compiled_within,
-    require_array,
-)
+from wayside.stages.kernels import Array, compiled, compiled_within, require_array
 
 ITERATIONS = 12
 """Gauss-Newton steps at most, whole or halved."""
@@ -62,9 +57,8 @@ def align(template: Samples, weight: Samples, patch: Samples, start: Array) -> A
         inverse = np.asarray(np.linalg.inv(normal[:6, :6]), np.float64)
     except np.linalg.LinAlgError:
         return None
-    squares, inside = float(normal[6, 6]), float(normal[5, 5])
-    zncc = float(np.sqrt(max(0.0, 1 - squares / spread)))
-    covariance = inverse[:4, :4] * variance_of(squares, inside)
+    zncc = float(np.sqrt(max(0.0, 1 - normal[6, 6] / spread)))
+    covariance = inverse[:4, :4] * variance_of(normal[6, 6], normal[5, 5])
     return Alignment(x[:2].copy(), x[2:4].copy(), float(x[4]), float(x[5]), zncc, covariance)
 
 

@@ -201,9 +201,8 @@ def strongest_outlines(gradients: Gradients, box: Array) -> list[Outline]:
     for shape in OUTLINE_SHAPES:
         outer, strength = strongest_outline(gradients, TEMPLATES[shape], box, *COARSE)
         found.append(Outline(shape, outer, 0.0, strength))
-    for one in _best(
-        found, MOST_NEAR
-    ):  # segments rotate as the proportions change: once more, near by
+    # segments rotate as the proportions change: once more, near by
+    for one in _best(found, MOST_NEAR):
         outer, strength = strongest_outline(gradients, TEMPLATES[one.shape], one.box, *FINE)
         near.append(one._replace(box=outer, strength=strength))
     return [align_sides(gradients, one) for one in _best(near, MOST_INNER)]
@@ -313,8 +312,7 @@ def side_variances(gradients: Gradients, outline: Outline) -> Array:
     count by how far the side moves their segments. One clear edge leaves little; two of like strength, their distance.
     """
     segments = segments_of(outline.shape, outline.box, outline.rotation)
-    step = OFFSET_STEP
-    reach = step * np.ceil(RIVAL_SIGMAS * SIDE_SIGMA / step)
+    reach, step = RIVAL_SIGMAS * SIDE_SIGMA, OFFSET_STEP
     profiles = edge_profiles(gradients, segments, -reach, reach, step)
     offset = np.linspace(-reach, reach, profiles.shape[1])
     moves = segments.jacobian[:, :4, None]

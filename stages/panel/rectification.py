@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from itertools import groupby
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -42,14 +42,11 @@ class PanelPlane(NamedTuple):
         return cls(point, np.cross(ahead, up), -up, ahead)
 
     def meet(self, centre: Array, points: Array) -> Array:
-        """Where lines from camera centres (..., 3) through points (n, 3) meet the plane.
-
-        Right and down (..., n, 2), metres; centres of several cameras are (v, 1, 3).
-        """
+        """Where lines from a camera centre (3,) through points (n, 3) meet the plane: right and down (n, 2), metres."""
         rays = points - centre
         fraction = ((self.point - centre) @ self.ahead) / (rays @ self.ahead)
-        offset = centre + fraction[..., None] * rays - self.point
-        return np.stack([offset @ self.right, offset @ self.down], axis=-1)
+        offset = centre + fraction[:, None] * rays - self.point
+        return np.column_stack([offset @ self.right, offset @ self.down])
 
     def points(self, offsets: Array) -> Array:
         """World points (n, 3) at offsets (n, 2) right and down in the plane, metres."""
@@ -124,16 +121,13 @@ def rectify(
     maps = down @ pixels.reshape(-1, _CELLS + 1, _CELLS + 1, 2).transpose(0, 3, 1, 2) @ across
     found = []
     for (depth, image), (u, v) in zip(views, maps, strict=True):
-        rgb = cv2.remap(image.rgb, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        rgb: Any = cv2.remap(image.rgb, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
-        found.append(
-            RectifiedView(image, depth, np.asarray(rgb, np.uint8), grey.astype(np.float32))
-        )
+        found.append(RectifiedView(image, depth, rgb, grey.astype(np.float32)))
     return found
 
 
 def _interpolation(count: int) -> NDArray[np.float32]:
     """Weights (count, knots) of linear interpolation between the knots of the grid."""
-    at = np.linspace(0, _CELLS, count, dtype=np.float32)
-    knots = np.arange(_CELLS + 1, dtype=np.float32)
-    return np.asarray(np.maximum(0, 1 - np.abs(at[:, None] - knots)))
+    at = np.linspace(0, _CELLS, count)
+    return np.maximum(0.0, 1 - np.abs(at[:, None] - np.arange(_CELLS + 1))).astype(np.float32)
