@@ -130,4 +130,4 @@ def rectify(
 def _interpolation(count: int) -> NDArray[np.float32]:
     """Weights (count, knots) of linear interpolation between the knots of the grid."""
     at = np.linspace(0, _CELLS, count)
-    return np.maximum(0.0, 1 - np.abs(at[:, None] - np.arange(_CELLS + 1))).astype(np.float32)
+    return np.asarray(np.maximum(0.0, 1 - np.abs(at[:, None] - np.arange(_CELLS + 1))), np.float32)
