@@ -288,7 +288,7 @@ class Features:
     """Key points of one image: n corners for the motion, m described regions (presets of the report)."""
 
     corners: NDArray[np.float32]
-    """Corners that may become tie points, (n, 2), distorted pixels, sorted by row."""
+    """Corners that may become tie points, (n, 2), distorted pixels."""
     descriptors: NDArray[np.uint8]
     """Binary descriptors of the corners, (n, 32)."""
     sign_descriptors: NDArray[np.float32]

@@ -18,7 +18,6 @@ def match_in_bands(
     descriptors: NDArray[np.uint8],
     points: Array,
     others: NDArray[np.uint8],
-    *,
     farthest: int,
     ratio: float,
 ) -> Numbers:
@@ -29,7 +28,7 @@ def match_in_bands(
     `others` (m, 32): positions and descriptors of the second corners. `farthest`: largest Hamming distance, bits.
     `ratio`: the best distance must lie below this fraction of the second best in the band.
 
-    Returns (k, 2) rows: first corner, second corner; in order of the first.
+    Returns (k, 2) rows: first corner, second corner; the closest first.
 
     Raises ValueError where an array has another shape or type.
     """
@@ -38,13 +37,13 @@ def match_in_bands(
     require_array(points, "points", np.float64, (m, 2))
     require_array(descriptors, "descriptors", np.uint8, (n, 32))
     require_array(others, "others", np.uint8, (m, 32))
-    owner = np.full(m, -1, np.int64)
+    best = np.full((2, m), -1, np.int64)
     if m > 0:
         kinds = descriptors.view(np.uint64), others.view(np.uint64)
-        _match(bands, *kinds, points, _by_cell(points), farthest, ratio, owner)
-    found = np.flatnonzero(owner >= 0)
-    pairs = np.stack([owner[found], found], axis=1)
-    return np.asarray(pairs[np.argsort(pairs[:, 0])])
+        _match(bands, *kinds, points, _by_cell(points), farthest, ratio, best)
+    found = np.flatnonzero(best[0] >= 0)
+    found = found[np.argsort(best[1, found], kind="stable")]
+    return np.stack([best[0, found], found], axis=1)
 
 
 def _by_cell(points: Array) -> tuple[Numbers, Numbers, Array, int, int]:
@@ -80,10 +79,11 @@ def _match(
     grid: tuple[Numbers, Numbers, Array, int, int],
     farthest: int,
     ratio: float,
-    owner: Numbers,
+    best: Numbers,
 ) -> None:
+    # Fills the first corner that each second one matches best, and their distance.
     order, first, low, columns, rows = grid
-    candidates, distances, closest = np.empty((3, points.shape[0]), np.int64)
+    candidates, distances = np.empty((2, points.shape[0]), np.int64)
     for i in range(bands.shape[0]):
         u, v, du, dv, length, width = bands[i]
         # the cells that the band's box touches; clipped so that a band outside touches none
@@ -120,6 +120,6 @@ def _match(
             )
             if apart > SAME_CORNER_PX and distances[k] < second:
                 second = distances[k]
-        if least < ratio * second and (owner[winner] < 0 or least < closest[winner]):
+        if least < ratio * second and (best[0, winner] < 0 or least < best[1, winner]):
             # of several with the same best one the closest keeps it
-            owner[winner], closest[winner] = i, least
+            best[0, winner], best[1, winner] = i, least

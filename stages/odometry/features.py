@@ -1,8 +1,7 @@
 """Corners that tie images together, and candidates' centres without lens distortion (report chapters 6 and 8)."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
-from operator import attrgetter
 from typing import Any
 
 import cv2
@@ -12,16 +11,26 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import Detections, Features
 from wayside.schemas.settings import FeatureSettings
 from wayside.stages.geometry import ideal_points
-from wayside.stages.kernels import compiled
+from wayside.stages.kernels import compiled, compiled_within
 
 PYRAMID_LEVELS = 3
 """Levels of the corners' image pyramid, from half size."""
 PYRAMID_SCALE = 1.5
 """From level to level: an object 20 m away grows 1.7 times over 8 m."""
-CORNER_CONTRAST = 9
-"""FAST threshold, grey levels: low enough for the texture of roads and verges."""
-CORNER_CELL_PX = 25
+CORNER_CONTRAST = 7
+"""Least strength of a corner, grey levels: low enough for the texture of roads and verges."""
+CORNER_CELL_PX = 32
 """Side of a cell, in pixels of its level."""
+BLUR_PX = 5
+"""Side of the mean of which descriptors compare pixels."""
+REACH_PX = 15
+"""Farthest of these pixels from their corner, each way."""
+MARGIN_PX = REACH_PX + 1
+PATTERN = np.rint(np.random.default_rng(0).normal(0, 6, (256, 4))).clip(-REACH_PX, REACH_PX)
+"""Pairs of pixels that a descriptor compares, (u, v, u, v) off the corner: normal, a fifth of the patch wide."""
+
+Row = NDArray[np.uint8]
+Rows = tuple[Row, Row, Row]
 
 
 def extract_features(
@@ -48,43 +57,103 @@ def extract_features(
 def tie_corners(
     grey: NDArray[np.uint8], settings: FeatureSettings
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Corners (n, 2) of a grey image, recorded pixels, sorted by row, and descriptors (n, 32).
+    """Corners (n, 2) of a grey image, recorded pixels, and descriptors (n, 32).
 
     FAST corners of a pyramid (Rosten and Drummond 2006), the strongest of each cell: weak ones on road and verge are
-    kept as well as strong ones against the sky. ORB descriptors (Rublee et al. 2011) are upright, because cameras on
-    the road hardly roll. The pyramid starts at half size: the blur of lens and JPEG lies below that scale.
+    kept as well as strong ones against the sky. BRIEF descriptors (Calonder et al. 2010) are upright, as cameras on the
+    road hardly roll. The pyramid starts at half size: the blur of lens and JPEG lies below that scale.
     """
-    fast = cv2.FastFeatureDetector.create(CORNER_CONTRAST)
-    orb = cv2.ORB.create(100_000, nlevels=1)
     level = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     corners, descriptors = [_NONE.corners], [_NONE.descriptors]
     for index in range(PYRAMID_LEVELS):
         if index > 0:
-            shrink = 1 / PYRAMID_SCALE
-            level = cv2.resize(level, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
-        found = fast.detect(level)
-        if not found:
-            continue
-        found, described = orb.compute(level, [found[i] for i in _strongest(found, settings)])
-        if described is None:
-            continue
+            level = cv2.resize(level, None, fx=1 / PYRAMID_SCALE, fy=1 / PYRAMID_SCALE)
+        cells = (level.shape[0] // CORNER_CELL_PX + 1) * (level.shape[1] // CORNER_CELL_PX + 1)
+        places = np.empty((cells * settings.corners_per_cell, 2), np.int64)
+        codes = np.empty((len(places), 32), np.uint8)
+        count = _corners(np.asarray(level, np.uint8), settings.corners_per_cell, places)
+        smooth = np.asarray(cv2.blur(level, (BLUR_PX, BLUR_PX)), np.uint8)
+        _describe(smooth, places[:count], PATTERN.astype(np.int64), codes)
         # Pixel centres are at integers: the centre of a block of s pixels lies (s - 1) / 2 from its first.
         scale = np.array([grey.shape[1] / level.shape[1], grey.shape[0] / level.shape[0]])
-        places = (np.asarray(cv2.KeyPoint.convert(found)) + 0.5) * scale - 0.5
-        corners.append(places.astype(np.float32))
-        descriptors.append(np.asarray(described, np.uint8))
-    places, codes = np.concatenate(corners), np.concatenate(descriptors)
-    order = np.lexsort((places[:, 0], places[:, 1]))
-    return places[order], codes[order]
+        corners.append(((places[:count] + 0.5) * scale - 0.5).astype(np.float32))
+        descriptors.append(codes[:count])
+    return np.concatenate(corners), np.concatenate(descriptors)
 
 
-def _strongest(found: Sequence[cv2.KeyPoint], settings: FeatureSettings) -> NDArray[np.int64]:
-    # A response of FAST is the largest contrast at which the corner is still one: a grey level.
-    response = np.fromiter(map(_response, found), np.float32, len(found)).astype(np.uint8)
-    order = np.argsort(~response, kind="stable")
-    places = np.asarray(cv2.KeyPoint.convert(found), np.float64)[order]
-    kept = first_of_cells(places, CORNER_CELL_PX, settings.corners_per_cell)
-    return np.sort(order[kept])
+@compiled
+def _corners(level: NDArray[np.uint8], most: int, places: NDArray[np.int64]) -> int:
+    # Fills the places (u, v) of the strongest `most` corners of each cell, and returns their number. A corner is no
+    # weaker than its neighbours.
+    height, width = level.shape
+    strength = np.zeros((height, width), np.uint8)
+    for grey in (level, ~level):
+        for y in range(3, height - 3):
+            above, below = (
+                (grey[y - 3], grey[y - 2], grey[y - 1]),
+                (grey[y + 1], grey[y + 2], grey[y + 3]),
+            )
+            _raise_strength(above, grey[y], below, strength[y, 3 : width - 3])
+    count = 0
+    for top in range(MARGIN_PX, height - MARGIN_PX, CORNER_CELL_PX):
+        for left in range(MARGIN_PX, width - MARGIN_PX, CORNER_CELL_PX):
+            first, least = count, CORNER_CONTRAST - 1
+            for v in range(top, min(top + CORNER_CELL_PX, height - MARGIN_PX)):
+                for u in range(left, min(left + CORNER_CELL_PX, width - MARGIN_PX)):
+                    own = strength[v, u]
+                    if own <= least or own < strength[v - 1 : v + 2, u - 1 : u + 2].max():
+                        continue
+                    if count < first + most:
+                        count += 1
+                    n = count - 1
+                    while n > first and strength[places[n - 1, 1], places[n - 1, 0]] < own:
+                        places[n] = places[n - 1]
+                        n -= 1
+                    places[n, 0], places[n, 1] = u, v
+                    if count == first + most:
+                        least = strength[places[count - 1, 1], places[count - 1, 0]]
+    return count
+
+
+@compiled_within
+def _raise_strength(above: Rows, centre: Row, below: Rows, strength: Row) -> None:
+    # Of the pixels of a row between three above and three below: to how much darker each is than all of nine neighbours
+    # in turn on a circle, if that is more. The least of eight serves two arcs of nine.
+    a3, a2, a1 = above
+    b1, b2, b3 = below
+    for x in range(strength.shape[0]):
+        p0, p1, p2, p3 = a3[x + 3], a3[x + 4], a2[x + 5], a1[x + 6]
+        p4, p5, p6, p7 = centre[x + 6], b1[x + 6], b2[x + 5], b3[x + 4]
+        p8, p9, p10, p11 = b3[x + 3], b3[x + 2], b2[x + 1], b1[x]
+        p12, p13, p14, p15 = centre[x], a1[x], a2[x + 1], a3[x + 2]
+        q1, q3, q5, q7 = min(p1, p2), min(p3, p4), min(p5, p6), min(p7, p8)
+        q9, q11, q13, q15 = min(p9, p10), min(p11, p12), min(p13, p14), min(p15, p0)
+        r1, r3, r5, r7 = min(q1, q3), min(q3, q5), min(q5, q7), min(q7, q9)
+        r9, r11, r13, r15 = min(q9, q11), min(q11, q13), min(q13, q15), min(q15, q1)
+        best = max(min(r1, r5, max(p0, p9)), min(r3, r7, max(p2, p11)), centre[x + 3])
+        best = max(best, min(r5, r9, max(p4, p13)), min(r7, r11, max(p6, p15)))
+        best = max(best, min(r9, r13, max(p8, p1)), min(r11, r15, max(p10, p3)))
+        best = max(best, min(r13, r1, max(p12, p5)), min(r15, r3, max(p14, p7)))
+        strength[x] = max(strength[x], best - centre[x + 3])
+
+
+@compiled
+def _describe(
+    smooth: NDArray[np.uint8],
+    places: NDArray[np.int64],
+    pattern: NDArray[np.int64],
+    codes: NDArray[np.uint8],
+) -> None:
+    pixels, width = smooth.reshape(-1), smooth.shape[1]
+    first, second = pattern[:, 1] * width + pattern[:, 0], pattern[:, 3] * width + pattern[:, 2]
+    for n in range(places.shape[0]):
+        at = places[n, 1] * width + places[n, 0]
+        for k in range(0, 256, 8):
+            code = 0
+            for bit in range(8):
+                darker = pixels[at + first[k + bit]] < pixels[at + second[k + bit]]
+                code |= int(darker) << bit
+            codes[n, k // 8] = code
 
 
 def first_of_cells(
@@ -109,4 +178,3 @@ def _first_of_cells(
 
 
 _NONE = Features.empty()
-_response = attrgetter("response")

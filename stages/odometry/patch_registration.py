@@ -34,8 +34,12 @@ PART = 100
 RADIUS = 7
 SIDE = 2 * RADIUS + 1
 """Array layout: a patch is (SIDE, SIDE) pixels."""
+PIXELS = SIDE * SIDE
 FREEDOM = SIDE * SIDE - 5.0
 """Pixels of a patch less the unknowns: two of position, scale, gain, bias."""
+
+
+Pixels = NDArray[np.int32]
 
 
 class PatchRegistration(NamedTuple):
@@ -145,54 +149,49 @@ def _coarse(
 
 @compiled_within
 def _template(
-    far: NDArray[np.uint8], u: int, v: int, template: Array, jacobian: Array, normal: Array
+    far: NDArray[np.uint8], u: int, v: int, template: Pixels, sums: Array, normal: Array
 ) -> float:
-    # The patch round a whole pixel less its mean, its derivatives by position and scale, and the upper half of their
-    # normal matrix; returns the sum of the patch's squares. The derivatives are made orthogonal to gain and bias, which
-    # then need no unknowns of their own.
-    mean, square = 0.0, 0.0
+    # The patch round a whole pixel, and twice its derivatives by position and scale; their sums with the mean and the
+    # patch, and the upper half of their normal matrix. There they are orthogonal to gain and bias, which then need no
+    # unknowns of their own. Returns the sum of squares of the patch less its mean. Whole numbers add up in any order,
+    # so the processor adds several at a time.
+    left = u - RADIUS - 1
     for i in range(SIDE):
+        y, values = v + i - RADIUS, template[:, i * SIDE : (i + 1) * SIDE]
+        row, above, below = far[y, left:], far[y - 1, left:], far[y + 1, left:]
         for j in range(SIDE):
-            mean += float(far[v + i - RADIUS, u + j - RADIUS])
-    mean /= SIDE * SIDE
-    m0, m1, m2, f0, f1, f2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(SIDE):
-        for j in range(SIDE):
-            y, x = v + i - RADIUS, u + j - RADIUS
-            value = float(far[y, x]) - mean
-            by_u = 0.5 * (float(far[y, x + 1]) - float(far[y, x - 1]))
-            by_v = 0.5 * (float(far[y + 1, x]) - float(far[y - 1, x]))
-            by_scale = by_u * (j - RADIUS) + by_v * (i - RADIUS)
-            template[i, j], square = value, square + value * value
-            jacobian[0, i, j], jacobian[1, i, j], jacobian[2, i, j] = by_u, by_v, by_scale
-            m0, m1, m2 = m0 + by_u, m1 + by_v, m2 + by_scale
-            f0, f1, f2 = f0 + by_u * value, f1 + by_v * value, f2 + by_scale * value
-    m0, m1, m2 = m0 / (SIDE * SIDE), m1 / (SIDE * SIDE), m2 / (SIDE * SIDE)
-    f0, f1, f2 = f0 / square, f1 / square, f2 / square
-    n00, n01, n02, n11, n12, n22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(SIDE):
-        for j in range(SIDE):
-            a = jacobian[0, i, j] - (m0 + f0 * template[i, j])
-            b = jacobian[1, i, j] - (m1 + f1 * template[i, j])
-            c = jacobian[2, i, j] - (m2 + f2 * template[i, j])
-            jacobian[0, i, j], jacobian[1, i, j], jacobian[2, i, j] = a, b, c
-            n00, n01, n02 = n00 + a * a, n01 + a * b, n02 + a * c
-            n11, n12, n22 = n11 + b * b, n12 + b * c, n22 + c * c
-    normal[0, 0], normal[0, 1], normal[0, 2] = n00, n01, n02
-    normal[1, 1], normal[1, 2], normal[2, 2] = n11, n12, n22
+            by_u, by_v = int(row[j + 2]) - int(row[j]), int(below[j + 1]) - int(above[j + 1])
+            values[0, j], values[1, j], values[2, j] = row[j + 1], by_u, by_v
+            values[3, j] = by_u * (j - RADIUS) + by_v * (i - RADIUS)
+    for k in range(4):
+        total, product = 0, 0
+        for n in range(SIDE * SIDE):
+            total += int(template[k, n])
+            product += int(template[k, n]) * int(template[0, n])
+        sums[0, k], sums[1, k] = total / PIXELS, product
+    square: float = sums[1, 0] - sums[0, 0] ** 2 * PIXELS
+    for k in range(1, 4):
+        sums[1, k] = (sums[1, k] - sums[0, k] * sums[0, 0] * PIXELS) / square
+        for m in range(1, k + 1):
+            product = 0
+            for n in range(SIDE * SIDE):
+                product += int(template[k, n]) * int(template[m, n])
+            normal[m - 1, k - 1] = 0.25 * (
+                product - sums[0, k] * sums[0, m] * PIXELS - sums[1, k] * sums[1, m] * square
+            )
     return square
 
 
 @compiled_within
 def _fit(
     near: NDArray[np.uint8],
-    template: Array,
+    template: Pixels,
     square: float,
-    jacobian: Array,
+    sums: Array,
     inverse: Array,
     warp: Array,
     position: Array,
-    patch: Array,
+    patch: NDArray[np.int32],
 ) -> float:
     # Gauss-Newton on position (u, v, scale), in position; returns the correlation, 0 where the patch leaves the image.
     # It ends where the correlation falls: a patch that has no place, or slides along an edge, goes on to the limit.
@@ -201,37 +200,36 @@ def _fit(
         u, v, scale = position
         if not _inside(near, u, v, warp, scale, 0.0):
             return 0.0
+        across = int(scale * warp[0] * 65536)
         for i in range(SIDE):
-            y = v + scale * warp[2] * (i - RADIUS)
-            row = int(y)
-            fy = y - row
-            begin = u + scale * (warp[1] * (i - RADIUS) - warp[0] * RADIUS)
+            y = int((v + scale * warp[2] * (i - RADIUS)) * 256)
+            row, below, fy = near[y >> 8], near[(y >> 8) + 1], y & 255
+            x = int((u + scale * (warp[1] * (i - RADIUS) - warp[0] * RADIUS)) * 65536)
             for j in range(SIDE):
-                x = begin + scale * warp[0] * j
-                column = int(x)
-                fx = x - column
-                a, b = float(near[row, column]), float(near[row + 1, column])
-                a += fx * (float(near[row, column + 1]) - a)
-                b += fx * (float(near[row + 1, column + 1]) - b)
-                patch[i, j] = a + fy * (b - a)
-        # Template and derivatives have no mean, so that of the patch needs not be taken off.
-        total, squares, product, r0, r1, r2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for i in range(SIDE):
-            for j in range(SIDE):
-                value = patch[i, j]
-                total, squares = total + value, squares + value * value
-                product += template[i, j] * value
-                r0, r1 = r0 + jacobian[0, i, j] * value, r1 + jacobian[1, i, j] * value
-                r2 += jacobian[2, i, j] * value
-        norm = np.sqrt(max(0.0, squares - total * total / (SIDE * SIDE)))
+                column, fx = np.uint64(x >> 16), (x >> 8) & 255
+                a, b = int(row[column]), int(below[column])
+                a = 256 * a + fx * (int(row[column + np.uint64(1)]) - a)
+                b = 256 * b + fx * (int(below[column + np.uint64(1)]) - b)
+                patch[i * SIDE + j] = 256 * a + fy * (b - a)
+                x += across
+        total, squares, p0, p1, p2, p3 = 0, 0, 0, 0, 0, 0
+        for n in range(SIDE * SIDE):
+            value = int(patch[n])
+            total, squares = total + value, squares + value * value
+            p0, p1 = p0 + template[0, n] * value, p1 + template[1, n] * value
+            p2, p3 = p2 + template[2, n] * value, p3 + template[3, n] * value
+        norm = np.sqrt(max(0.0, squares - float(total) * total / PIXELS))
         if norm <= 1e-6:
             return 0.0
+        product = p0 - total * sums[0, 0]
         zncc = float(product / (norm * np.sqrt(square)))
         if zncc < max(ABANDONED_CORRELATION, last):
             break
         last = zncc
-        gain = product / square  # of the near patch against the template
-        r0, r1, r2 = r0 / gain, r1 / gain, r2 / gain
+        gain = 2 * product / square  # of the near patch against the template
+        r0 = (p1 - total * sums[0, 1] - product * sums[1, 1]) / gain
+        r1 = (p2 - total * sums[0, 2] - product * sums[1, 2]) / gain
+        r2 = (p3 - total * sums[0, 3] - product * sums[1, 3]) / gain
         du = inverse[0, 0] * r0 + inverse[0, 1] * r1 + inverse[0, 2] * r2
         dv = inverse[1, 0] * r0 + inverse[1, 1] * r1 + inverse[1, 2] * r2
         ds = inverse[2, 0] * r0 + inverse[2, 1] * r1 + inverse[2, 2] * r2
@@ -259,8 +257,8 @@ def _register(  # noqa: PLR0913 - arrays of a kernel
     sigmas: Array,
 ) -> None:
     height, width = far.shape
-    template, patch = np.empty((SIDE, SIDE)), np.empty((SIDE, SIDE))
-    jacobian, position = np.empty((3, SIDE, SIDE)), np.empty(3)
+    template, patch = np.empty((4, SIDE * SIDE), np.int32), np.empty(SIDE * SIDE, np.int32)
+    sums, position = np.empty((2, 4)), np.empty(3)
     normal, inverse = np.empty((3, 3)), np.empty((3, 3))
     columns = np.empty((SIDE, SIDE), np.int64)
     edge = RADIUS + 1
@@ -270,14 +268,14 @@ def _register(  # noqa: PLR0913 - arrays of a kernel
             continue
         if not _inside(near, starts[n, 0], starts[n, 1], warps[n], 1.0, 0.0):
             continue
-        square = _template(far, u, v, template, jacobian, normal)
+        square = _template(far, u, v, template, sums, normal)
         if square < (LEAST_TEXTURE * SIDE) ** 2:
             continue
         if invert_symmetric(normal, 0.0, 0.0, inverse) <= 1e-9:
             continue  # singular
         position[0], position[1] = _coarse(far, near, u, v, starts[n], warps[n], search, columns)
         position[2] = 1.0
-        zncc = _fit(near, template, square, jacobian, inverse, warps[n], position, patch)
+        zncc = _fit(near, template, square, sums, inverse, warps[n], position, patch)
         shift = max(abs(position[0] - starts[n, 0]), abs(position[1] - starts[n, 1]))
         if (
             zncc < SMALLEST_CORRELATION

@@ -20,6 +20,8 @@ from wayside.stages.odometry.patch_registration import register_patches
 
 COARSE_BITS, COARSE_RATIO = 64, 0.85
 """Largest distance of the descriptors of a coarse match, bits, and its largest ratio to the second best."""
+COARSE_CORNERS = 400
+"""Corners of an image that are searched for at most for a start, or to see whether the camera stands."""
 GUIDED_BITS, GUIDED_RATIO = 80, 0.92
 """The same along an epipolar line."""
 GUIDED_WIDTH_PX = 4.0
@@ -115,22 +117,24 @@ class PairMotion:
         by_u, by_v = along_u - place, along_v - place
         return place, np.column_stack([by_u[:, 0], by_v[:, 0], by_v[:, 1]])
 
-    def matches(self, slack_px: float, bits: int, ratio: float) -> NDArray[np.int64]:
-        """Rows (n, 2) of matched corners of both images, searched in bands along the epipolar lines.
+    def matches(
+        self, slack_px: float, bits: int, ratio: float, every: int = 1
+    ) -> NDArray[np.int64]:
+        """Rows (n, 2) of matched corners of both images, searched in bands along the epipolar lines; closest first.
 
         `slack_px`: half width of the bands. `bits`, `ratio`: largest descriptor distance, and its largest ratio to the
-        second best.
+        second best. `every`: one in so many corners of the first image is searched for.
         """
-        far, epipole = self.far_points(slice(None))
+        some = slice(None, None, every)
+        far, epipole = self.far_points(some)
         outward = far - epipole
         reach = np.sqrt(outward[:, 0] ** 2 + outward[:, 1] ** 2)
         outward /= np.maximum(reach, 1e-9)[:, None]
         length = np.minimum(reach * (LARGEST_GROWTH - 1), LONGEST_PX)
         bands = np.column_stack([far, outward, length, np.full(len(far), slack_px)])
-        before, now = self.before, self.now
-        return match_in_bands(
-            bands, before.descriptors, now.ideal, now.descriptors, farthest=bits, ratio=ratio
-        )
+        codes = np.ascontiguousarray(self.before.descriptors[some])
+        now = self.now
+        return match_in_bands(bands, codes, now.ideal, now.descriptors, bits, ratio) * (every, 1)
 
 
 class RegisteredTies(NamedTuple):
@@ -150,19 +154,20 @@ class RegisteredTies(NamedTuple):
 
 
 def match_around(
-    before: KeypointImage, now: KeypointImage, reach_px: float, ratio: float
+    before: KeypointImage, now: KeypointImage, reach_px: float, ratio: float, every: int = 1
 ) -> NDArray[np.int64]:
-    """Pairs (k, 2) of corners that lie within a distance of each other in two images, whatever the motion."""
-    place = before.corners.astype(np.float64)
+    """Pairs (k, 2) of corners that lie within a distance of each other in two images, whatever the motion.
+
+    `ratio`, `every`: as of `PairMotion.matches`.
+    """
+    place = before.corners[::every].astype(np.float64)
     around = np.column_stack([place, np.tile([1.0, 0.0, 0.0, reach_px], (len(place), 1))])
-    return match_in_bands(
-        around,
-        before.descriptors,
+    codes, others = (
+        np.ascontiguousarray(before.descriptors[::every]),
         now.corners.astype(np.float64),
-        now.descriptors,
-        farthest=COARSE_BITS,
-        ratio=ratio,
     )
+    found = match_in_bands(around, codes, others, now.descriptors, COARSE_BITS, ratio)
+    return found * (every, 1)
 
 
 def register_ties(pair: PairMotion, last: RegisteredTies | None = None) -> RegisteredTies:

@@ -18,7 +18,7 @@ def bands_round(points, length=0.0, width=20.0, direction=(1.0, 0.0)):
 
 def match(bands, descriptors, points, others, ratio=0.9):
     bands = np.ascontiguousarray(bands)
-    return match_in_bands(bands, descriptors, points, others, farthest=64, ratio=ratio)
+    return match_in_bands(bands, descriptors, points, others, 64, ratio)
 
 
 def test_with_wide_bands_the_matches_are_those_of_opencv():
