@@ -69,7 +69,6 @@ class Settings:
 REPORT: dict[str, dict[str, Any]] = {
     "read": {"thin_m": 8.0},
     "balance": {"on": False},
-    "segment": {"whole_picture": True},
     "gate": {"smallest_px": 50, "largest_px": 20_000},
     "report": {"on": True},
     "motion": {"residual_px": 0.5},

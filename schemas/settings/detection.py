@@ -20,9 +20,6 @@ class SegmentSettings:
     difference_clusters: int = setting(
         5, "classes", "k of pass two, on the difference image", low=3, high=256
     )
-    whole_picture: bool = setting(
-        False, "", "segment the whole image instead of the band where signs can be"
-    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from wayside.schemas.frame import Camera, Image
 from wayside.stages.detection.network_proposals import MULTIPLE, DetectionNetwork, boxes_of_maps
 from wayside.stages.geometry import non_maximum_suppression
 from wayside.stages.imaging import Pyramid, enlarged, pyramid
-from wayside.stages.segmentation import unsegmented
+from wayside.stages.segmentation import FACE_ROWS, unsegmented
 
 NARROWEST, WIDEST = 0.2, 6.5
 """Width over height of a face (chosen by hand)."""
@@ -31,8 +31,8 @@ SAME_REGION_IOU = 0.7
 FULL_SIZE_PX = (-640, -176, 640, 112)
 """What the network sees at full size: left, top, right, bottom about the optical axis. A face of half a metre that is
 too small at half size has 32 px a metre at most, so it is seen up to 5.5 m above, 3.5 m below and 20 m beside it."""
-HALF_SIZE = (-np.inf, -0.4, np.inf, 0.15)
-"""The same at half size, as tangents: with 0.22 and 0.13 a fifth of the faces in images of streets is not seen."""
+HALF_SIZE = (-np.inf, FACE_ROWS[0], np.inf, FACE_ROWS[1])
+"""The same at half size, as tangents."""
 LEAST_SCORE = -2.0
 """Boxes of the network of lower log odds are left out: on seven drives less than 1 % of them were views of a sign. From
 -1.5, two of 78 signs of real drives are lost."""

@@ -1,7 +1,6 @@
 """Two-pass K-means segmentation and the size gate (report chapters 2 and 3.1)."""
 
 from collections.abc import Iterator
-from math import atan2, ceil, floor, radians, tan
 from typing import Any
 
 import numpy as np
@@ -21,18 +20,9 @@ from wayside.stages.segmentation.palette import (
 
 SAMPLE_PX = 80_000
 """The palette is made from at least so many pixels of an image."""
-ROADSIDE_TOP_M = 2.2
-"""Top of roadside faces above the camera."""
-ROADSIDE_RANGE_M = 12.0
-"""Roadside faces are segmented down to this range."""
-OVERHEAD_TOP_M = 6.5
-"""Top of overhead faces above the camera."""
-OVERHEAD_RANGE_M = 35.0
-"""Overhead faces are segmented down to this range."""
-LOWEST_EDGE_M = 1.1
-"""Lower edge of faces below the camera."""
-PITCH_MARGIN_DEG = 2.0
-"""The camera's own pitch, brakes and hills turn the horizon by about this much."""
+FACE_ROWS = (-0.4, 0.15)
+"""Where in an image faces can stand, as tangents of the angle below its optical axis: with -0.22 and 0.13 a fifth of the
+faces in images of streets is not seen."""
 
 
 def segment(
@@ -58,28 +48,18 @@ def segment(
         if image.rgb is None or image.rgb.size == 0:
             yield unsegmented(image)
             continue
-        height = len(image.rgb)
-        rows = (0, height) if settings.whole_picture else band_of(image.frame.camera, height)
+        rows = band_of(image.frame.camera, len(image.rgb))
         yield _segment_rows(image, image.rgb, rows, settings, gate)
 
 
 def band_of(camera: Camera | None, height: int) -> tuple[int, int]:
-    """First and one past the last image row in which the face of a sign can stand.
+    """First and one past the last image row in which the face of a sign can stand (`FACE_ROWS`).
 
-    Signs stand next to the road or over it up to a known height, and the nearest view that is needed is some 12 m away.
-    That bounds the angle above and below the horizon, which lies at the principal point for a level camera, give or
-    take the pitch margin. Lens distortion moves these rows by a few pixels at most and is left out.
-
-    `height`: rows of the image. Without a camera the band is the whole image.
+    `height`: rows of the image. Without a camera, or where it looks elsewhere, the band is the whole image.
     """
     if camera is None:
         return 0, height
-    margin = radians(PITCH_MARGIN_DEG)
-    roadside = atan2(ROADSIDE_TOP_M, ROADSIDE_RANGE_M)
-    above = max(roadside, atan2(OVERHEAD_TOP_M, OVERHEAD_RANGE_M)) + margin
-    below = atan2(LOWEST_EDGE_M, ROADSIDE_RANGE_M) + margin
-    first = max(0, floor(camera.cy - camera.fy * tan(above)))
-    last = min(height, ceil(camera.cy + camera.fy * tan(below)) + 1)
+    first, last = (min(max(0, round(camera.cy + t * camera.fy)), height) for t in FACE_ROWS)
     return (first, last) if first < last else (0, height)
 
 

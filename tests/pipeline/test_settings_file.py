@@ -57,7 +57,7 @@ def test_later_layers_win_over_earlier_ones(tmp_path):
 @pytest.mark.parametrize(
     ("name", "text", "value"),
     [
-        ("segment.whole_picture", "yes", True),
+        ("balance.on", "no", False),
         ("locate.gate", "False", False),
         ("read.from_s", "30s", 30.0),
         ("read.thin_m", "5", 5.0),
@@ -95,7 +95,7 @@ def test_assignments_and_options_take_the_type_of_the_setting(name, text, value)
         ("locate.confidence=nan", "0 to 1"),
         ("read.thin_m=inf", "at least 0"),
         ("read.thin_m=3 furlongs", "(m)"),
-        ("segment.whole_picture=maybe", "true or false"),
+        ("balance.on=maybe", "true or false"),
         ("report.trajectory=magic", "off or image or compensated"),
         ("gate.largest_px=10", "no region could pass"),
         ("track.fewest_views=15", "no sign could be reported"),
@@ -118,7 +118,7 @@ def test_what_cannot_be_meant_is_refused_with_what_was_wanted(text, words):
         ("segment = 8\n", r"table \[segment\]"),
         ("[segment]\nclusters = true\n", "a whole number"),
         ("[segment]\nclusters = [8]\n", "a whole number"),
-        ("[segment]\nwhole_picture = 1\n", "true or false"),
+        ("[balance]\non = 1\n", "true or false"),
         ("[segment\n", "not valid TOML"),
         ("a = " + "[" * 100_000, "too deeply"),
         ("[read]\nfrom_s = 20\nuntil_s = 10\n", "until_s"),
@@ -135,13 +135,14 @@ def test_a_wrong_file_is_refused_by_name(tmp_path, text, words):
 @given(
     clusters=st.integers(2, 16),
     thin=st.floats(0, 1e6),
-    whole=st.booleans(),
+    on=st.booleans(),
     topic=st.text(st.characters(exclude_categories=["Cs"])),
 )
-def test_what_is_written_is_read_back_the_same(tmp_path_factory, clusters, thin, whole, topic):
+def test_what_is_written_is_read_back_the_same(tmp_path_factory, clusters, thin, on, topic):
     base = Settings()
-    segment = replace(base.segment, clusters=clusters, whole_picture=whole)
-    settings = replace(base, segment=segment, read=replace(base.read, thin_m=thin, camera=topic))
+    segment, balance = replace(base.segment, clusters=clusters), replace(base.balance, on=on)
+    read = replace(base.read, thin_m=thin, camera=topic)
+    settings = replace(base, segment=segment, balance=balance, read=read)
     path = tmp_path_factory.mktemp("settings") / "again.toml"
     for full in (False, True):
         path.write_text(format_settings(settings, {}, full=full), "utf-8", newline="")

@@ -118,8 +118,7 @@ def drawn(names, radius=24):
 
 def candidates_of(image):
     """The faces as candidates of pass one, from left to right."""
-    settings = SegmentSettings(clusters=2, whole_picture=True)
-    (one,) = segment(iter([image]), settings, GateSettings())
+    (one,) = segment(iter([image]), SegmentSettings(clusters=2), GateSettings())
     yellow = np.abs(one.regions.rgb - YELLOW).max(axis=1) < 20
     regions = one.regions.select(yellow & (one.regions.source == 0))
     return Detections(one, Candidates.of(regions.select(np.argsort(regions.box[:, 0]))))
