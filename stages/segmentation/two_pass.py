@@ -21,8 +21,8 @@ from wayside.stages.segmentation.palette import (
 SAMPLE_PX = 80_000
 """The palette is made from at least so many pixels of an image."""
 FACE_ROWS = (-0.4, 0.15)
-"""Where in an image faces can stand, as tangents of the angle below its optical axis: with -0.22 and 0.13 a fifth of the
-faces in images of streets is not seen."""
+"""Where in an image faces can stand, as tangents of the angle below its optical axis: with -0.22 and 0.13 a fifth of
+the faces in images of streets is not seen."""
 
 
 def segment(
