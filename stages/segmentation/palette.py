@@ -195,13 +195,12 @@ def _nearest(
         reds, greens, blues = colors[0, start:stop], colors[1, start:stop], colors[2, start:stop]
         for j in range(centers.shape[0]):
             red, green, blue = centers[j, 0], centers[j, 1], centers[j, 2]
-            number = np.int32(j)
             for i in range(own.size):
                 r, g, b = reds[i] - red, greens[i] - green, blues[i] - blue
                 d = r * r + g * g + b * b
                 nearer = d < least[i]
                 least[i] = d if nearer else least[i]
-                own[i] = number if nearer else own[i]
+                own[i] = np.int32(j) if nearer else own[i]
 
 
 @compiled

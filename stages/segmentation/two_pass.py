@@ -48,8 +48,7 @@ def segment(
         if image.rgb is None or image.rgb.size == 0:
             yield unsegmented(image)
             continue
-        rows = band_of(image.frame.camera, len(image.rgb))
-        yield _segment_rows(image, image.rgb, rows, settings, gate)
+        yield _segment_rows(image, image.rgb, settings, gate)
 
 
 def band_of(camera: Camera | None, height: int) -> tuple[int, int]:
@@ -64,13 +63,10 @@ def band_of(camera: Camera | None, height: int) -> tuple[int, int]:
 
 
 def _segment_rows(
-    image: Image,
-    rgb: NDArray[np.uint8],
-    rows: tuple[int, int],
-    settings: SegmentSettings,
-    gate: GateSettings,
+    image: Image, rgb: NDArray[np.uint8], settings: SegmentSettings, gate: GateSettings
 ) -> Segmentation:
-    band = rgb[rows[0] : rows[1]]
+    rows = band_of(image.frame.camera, len(rgb))
+    band = rgb[slice(*rows)]
     sample = sample_colors(rgb, SAMPLE_PX)
     centers = palette(sample, settings.clusters)
     counts = np.bincount(nearest_centers(sample, centers)[1], minlength=DIFFERENCES)
@@ -80,16 +76,8 @@ def _segment_rows(
     class_of = np.searchsorted(breaks[1:], np.arange(DIFFERENCES), side="right").astype(np.uint8)
     labels = nearest_centers(band, centers, class_of)
     table, count = _regions_of(labels, band, rows[0], gate)
-    return Segmentation(
-        image,
-        table,
-        count,
-        centers.astype(np.float32),
-        breaks.astype(np.float32),
-        rows,
-        labels,
-        Dropped(size=count - len(table)),
-    )
+    levels = centers.astype(np.float32), breaks.astype(np.float32)
+    return Segmentation(image, table, count, *levels, rows, labels, Dropped(count - len(table)))
 
 
 def regions_before_gate(segmentation: Segmentation) -> Regions:
