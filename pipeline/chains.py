@@ -80,7 +80,7 @@ def chain_of(
             stage("features", extract_features, s.features),
         ),
         per_frame=_those(
-            stage("motion", estimate_motion, s.motion, each),
+            stage("motion", estimate_motion, s.motion),
             stage("calibration", watch_calibration, watch).unseen(),
             None if roadside is None else stage("roadside", sweep_roadside, roadside).unseen(),
             *(_report_landmarks(s, m) if report else _landmarks(s, m, detector, faces, each)),

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.stages.geometry import invert_symmetric
-from wayside.stages.kernels import Array, Each, compiled, compiled_within, require_array
+from wayside.stages.kernels import Array, compiled, compiled_within, require_array
 
 FARTHEST_SHIFT_PX = 3.0
 """Largest shift from where a patch is expected, besides the search."""
@@ -29,8 +29,6 @@ SMALLEST_CORRELATION = 0.85
 """Smallest correlation of a registered patch."""
 SCALE_STEP = 0.2
 """Relative change of scale in one step of the fit at most."""
-PART = 100
-"""Patches that are registered at a time: half a millisecond."""
 RADIUS = 7
 SIDE = 2 * RADIUS + 1
 """Array layout: a patch is (SIDE, SIDE) pixels."""
@@ -62,14 +60,13 @@ def register_patches(
     starts: Array,
     warps: Array,
     search_px: int,
-    each: Each = map,
 ) -> PatchRegistration:
     """Register the 15 x 15 px patches round `corners` of the far image in the near one.
 
     `far`, `near`: grey images (height, width). `corners`: centre of each patch, (n, 2) whole pixels. `starts`: where
     the patches are expected in the near image, (n, 2) px. `warps`: their expected warp, (n, 3): stretch along u, shear
     of u by v, stretch along v; a plate seen from nearer has (s, 0, s), the road about (s, k, s * s). `search_px`: whole
-    pixels searched round the start before the fit. `each`: registers parts of the patches, as `map`.
+    pixels searched round the start before the fit.
 
     `zncc` is 0 and the point nan where the patch leaves an image, has no texture, the fit exceeds its limits, or the
     correlation is low.
@@ -83,14 +80,7 @@ def register_patches(
     require_array(starts, "starts", np.float64, (n, 2))
     require_array(warps, "warps", np.float64, (n, 3))
     found = PatchRegistration(np.full((n, 2), np.nan), np.ones(n), np.zeros(n), np.full(n, np.inf))
-
-    def part(first: int) -> None:
-        rows = slice(first, first + PART)
-        point, scale, zncc, sigma = (values[rows] for values in found)
-        given = corners[rows], starts[rows], warps[rows]
-        _register(far, near, *given, search_px, point, scale, zncc, sigma)
-
-    list(each(part, range(0, n, PART)))
+    _register(far, near, corners, starts, warps, search_px, *found)
     return found
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from wayside.schemas.motion import StepPrior, Ties
 from wayside.stages.adjustment import TIE_ERRORS, WINDOW_ITERATIONS, tie_scatter
 from wayside.stages.geometry import Schedule, halfway_direction, rays_of_ideal, rotation_from_vector
-from wayside.stages.kernels import Array, Each
+from wayside.stages.kernels import Array
 from wayside.stages.odometry.epipolar import EpipolarFit, fit_epipolar, sampson_px
 from wayside.stages.odometry.motion_prior import MotionPrior
 from wayside.stages.odometry.mount import Mount
@@ -88,17 +88,16 @@ def estimate_relative_pose(
     expected: MotionPrior,
     mount: Mount,
     fewest: int,
-    each: Each = map,
 ) -> RelativePose | None:
     """Relative pose of two images: coarse motion, then ties registered by it.
 
-    Returns None with fewer than `fewest` inliers. `each`: does independent work, as `map`.
+    Returns None with fewer than `fewest` inliers.
     """
     prior, ground = expected.prior, mount.ground(expected.prior.length_m)
     coarse, inliers = find_coarse_motion(before, now, prior, expected.search, expected.slack_px)
     if coarse is None or inliers < fewest:
         return None
-    pair = PairMotion(before, now, coarse.rotation, coarse.direction, ground, each)
+    pair = PairMotion(before, now, coarse.rotation, coarse.direction, ground)
     pose = _refine(pair, prior)
     if pose.inliers < INLIER_RATIO * len(pose.inlier):
         # With a wrong rotation the inlier ratio is low. Of all starts, that with the most inliers is kept.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import Detections
 from wayside.schemas.frame import Camera
 from wayside.stages.geometry import distort_points, ideal_of_rays, ideal_points, rays_of_ideal
-from wayside.stages.kernels import Array, Each
+from wayside.stages.kernels import Array
 from wayside.stages.odometry.descriptor_matching import match_in_bands
 from wayside.stages.odometry.features import first_of_cells
 from wayside.stages.odometry.patch_registration import register_patches
@@ -93,8 +93,6 @@ class PairMotion:
     rotation: Array
     direction: Array
     ground: GroundPlane | None = None
-    each: Each = map
-    """Does independent work, as `map`."""
 
     def far_points(self, rows: NDArray[np.int64] | slice) -> tuple[Array, Array]:
         """Ideal pixels (n, 2) of the first image's corners in the second one, if at infinity, and its epipole (2,)."""
@@ -221,9 +219,7 @@ def _register(pair: PairMotion, rows: NDArray[np.int64]) -> Array:
         flow = np.linalg.norm(place - far, axis=1)
         flat = gap < ROAD_GAP_PX + ROAD_GAP_FRACTION * flow
         warps[flat] = on_road[flat]
-    registered = register_patches(
-        before.grey, now.grey, corners, starts, warps, SEARCH_PX, pair.each
-    )
+    registered = register_patches(before.grey, now.grey, corners, starts, warps, SEARCH_PX)
     return np.column_stack([registered.point, warps * registered.scale[:, None], registered.sigma])
 
 
@@ -245,9 +241,7 @@ def register_road(pair: PairMotion, ground: GroundPlane, tied: RegisteredTies) -
     ideal = ideal_points(before.camera, corners.astype(np.float64))
     place, warps = pair.on_road(ideal, ground)
     starts = distort_points(now.camera, place)
-    found = register_patches(
-        before.grey, now.grey, corners, starts, warps, ROAD_SEARCH_PX, pair.each
-    )
+    found = register_patches(before.grey, now.grey, corners, starts, warps, ROAD_SEARCH_PX)
     good = found.zncc > 0
     return RegisteredTies(
         np.vstack([tied.previous, ideal[good]]),

@@ -6,7 +6,6 @@ or fixes. Tie points over the whole image measure the motion. A two-view adjustm
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import partial
 from math import inf, isfinite, nan, radians, sqrt
 
 import numpy as np
@@ -21,7 +20,7 @@ from wayside.stages.geometry import (
     points_of_second,
     vector_from_rotation,
 )
-from wayside.stages.kernels import Array, Each
+from wayside.stages.kernels import Array
 from wayside.stages.odometry.motion_prior import MotionPrior, PoseNoise, predict_motion
 from wayside.stages.odometry.mount import Mount
 from wayside.stages.odometry.pair_adjustment import PairAdjustment, adjust_pair
@@ -53,7 +52,7 @@ STANDING_SHARE = 0.4
 
 
 def estimate_motion(
-    images: Iterator[Detections], settings: MotionSettings, each: Each = map
+    images: Iterator[Detections], settings: MotionSettings
 ) -> Iterator[PosedDetections]:
     """Add the camera's motion to each image.
 
@@ -62,9 +61,9 @@ def estimate_motion(
     Rays of both have no baseline, and a panel would get the same measurement twice. Slow motion adds up, since images
     are compared with the one that was used last.
 
-    `each`: does independent work, as `map`. Raises InputError where no source gives the length of a step.
+    Raises InputError where no source gives the length of a step.
     """
-    odometry = VisualOdometry(settings, partial(estimate_relative_pose, each=each))
+    odometry = VisualOdometry(settings)
     for item in images:
         if not item.frame.used:
             yield PosedDetections(item, None)
