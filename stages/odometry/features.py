@@ -162,19 +162,10 @@ def first_of_cells(
     """Which places (n, 2) px are among the first `most` of their square cell of an image."""
     cell = np.floor(places / side_px).astype(np.int64)
     key = cell[:, 1] * (cell[:, 0].max(initial=0) + 1) + cell[:, 0]
-    key -= key.min(initial=0)
+    order = np.argsort(key, kind="stable")
     kept = np.empty(len(key), np.bool_)
-    _first_of_cells(key, np.zeros(key.max(initial=0) + 1, np.int64), most, kept)
+    kept[order] = np.arange(len(key)) - np.searchsorted(key[order], key[order]) < most
     return kept
-
-
-@compiled
-def _first_of_cells(
-    key: NDArray[np.int64], count: NDArray[np.int64], most: int, kept: NDArray[np.bool_]
-) -> None:
-    for i in range(key.shape[0]):
-        count[key[i]] += 1
-        kept[i] = count[key[i]] <= most
 
 
 _NONE = Features.empty()
