@@ -18,6 +18,7 @@ from wayside.stages.adjustment.tie_tracks import ANCHOR_SIGMA_PX as ANCHOR_SIGMA
 from wayside.stages.adjustment.tie_tracks import DISPLACEMENT_SIGMA as DISPLACEMENT_SIGMA
 from wayside.stages.adjustment.tie_tracks import FARTHEST_TIE_M as FARTHEST_TIE_M
 from wayside.stages.adjustment.tie_tracks import NEAREST_TIE_M as NEAREST_TIE_M
+from wayside.stages.adjustment.tie_tracks import NO_TIES as NO_TIES
 from wayside.stages.adjustment.tie_tracks import TIE_SCALE as TIE_SCALE
 from wayside.stages.adjustment.tie_tracks import StepTies as StepTies
 from wayside.stages.adjustment.tie_tracks import link_tracks as link_tracks

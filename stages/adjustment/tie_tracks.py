@@ -1,11 +1,11 @@
 """Ties of consecutive steps: their displacement, tracks of them, and a selection spread evenly over the image."""
 
-from collections.abc import Iterable
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wayside.schemas.detections import Rows
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import Motion
 from wayside.stages.geometry import rays_of_ideal
@@ -29,7 +29,8 @@ NEAREST_DEPTH = 1e-6
 """Smallest third coordinate of a turned ray: points next to or behind the camera have no place in its image."""
 
 
-class StepTies(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class StepTies(Rows):
     """Ties of the steps of a window, in n rows. Corners and rays (n, 2) are in both frames; the warp is (n, 3).
 
     `place` (n, 3): in the earlier camera, m, nan where unknown. `pixel` (n, 2): ideal, in the later image.
@@ -46,18 +47,8 @@ class StepTies(NamedTuple):
     displacement_px: Array
     scatter: Array
 
-    @staticmethod
-    def joined(parts: "Iterable[StepTies]") -> "StepTies":
-        """The rows of all parts."""
-        columns = zip(_NO_TIES, *parts, strict=True)
-        return StepTies._make(np.concatenate(column) for column in columns)
 
-    def select(self, rows: Numbers) -> "StepTies":
-        """Those rows."""
-        return StepTies._make(np.ascontiguousarray(column[rows]) for column in self)
-
-
-_NO_TIES = StepTies(
+NO_TIES = StepTies(
     np.zeros(0, np.int64), np.zeros((0, 2), np.int64), np.zeros((0, 2)), np.zeros((0, 2)),
     np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0), np.zeros(0),
 )  # fmt: skip
@@ -69,7 +60,7 @@ def ties_of_step(
     """Ties of a step that slide less than `SLIDING_PX`, of the inliers or of all; none without a step."""
     ties, pose = motion.ties, motion.step
     if ties is None or pose is None:
-        return _NO_TIES
+        return NO_TIES
     kept = ties.sigma_px < SLIDING_PX
     if inliers:
         kept &= ties.inlier

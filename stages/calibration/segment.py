@@ -13,6 +13,7 @@ from wayside.stages.adjustment import (
     DISPLACEMENT_SIGMA,
     FARTHEST_TIE_M,
     NEAREST_TIE_M,
+    NO_TIES,
     TIE_ERRORS,
     StepTies,
     correlated_sigma_px,
@@ -90,10 +91,8 @@ def make_segment(motions: Sequence[Motion], camera: Camera, cell_px: float = 0.0
 
     Returns None without a track over three images.
     """
-    all_ties = StepTies.joined(
-        ties_of_step(k, motion, camera, camera, inliers=False)
-        for k, motion in enumerate(motions[1:])
-    )
+    steps = (ties_of_step(k, m, camera, camera, inliers=False) for k, m in enumerate(motions[1:]))
+    all_ties = StepTies.joined([NO_TIES, *steps])
     all_ties = all_ties.select(np.flatnonzero((all_ties.corners >= 0).all(axis=1)))
     linked = link_tracks(all_ties.step, all_ties.corners)
     long = np.bincount(linked, minlength=1)[linked] >= 2

@@ -24,6 +24,7 @@ from wayside.stages.adjustment import (
     DISPLACEMENT_SIGMA,
     FARTHEST_TIE_M,
     NEAREST_TIE_M,
+    NO_TIES,
     QUADRATIC,
     TIE_ERRORS,
     TIE_SCALE,
@@ -156,10 +157,11 @@ def window_around(best: int, frames: NDArray[np.int64], most: int) -> tuple[int,
 
 def distributed_ties(window: Sequence[WindowFrame]) -> tuple[StepTies, NDArray[np.int64]]:
     """Ties of all steps that agree with their motion, evenly over the image, and the number of the track of each."""
-    ties = StepTies.joined(
+    steps = (
         ties_of_step(k, now.motion, before.camera, now.camera, inliers=True)
         for k, (before, now) in enumerate(pairwise(window))
     )
+    ties = StepTies.joined([NO_TIES, *steps])
     track = link_tracks(ties.step, ties.corners)
     cell = np.floor(ties.pixel / CELL_PX).astype(np.int64)
     rows = np.flatnonzero(select_tracks(track, ties.step, cell))
