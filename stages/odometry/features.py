@@ -68,51 +68,37 @@ def tie_corners(
     for index in range(PYRAMID_LEVELS):
         if index > 0:
             level = cv2.resize(level, None, fx=1 / PYRAMID_SCALE, fy=1 / PYRAMID_SCALE)
-        cells = (level.shape[0] // CORNER_CELL_PX + 1) * (level.shape[1] // CORNER_CELL_PX + 1)
-        places = np.empty((cells * settings.corners_per_cell, 2), np.int64)
+        places = _strongest(np.asarray(level, np.uint8), settings.corners_per_cell)
         codes = np.empty((len(places), 32), np.uint8)
-        count = _corners(np.asarray(level, np.uint8), settings.corners_per_cell, places)
         smooth = np.asarray(cv2.blur(level, (BLUR_PX, BLUR_PX)), np.uint8)
-        _describe(smooth, places[:count], PATTERN.astype(np.int64), codes)
+        _describe(smooth, places, PATTERN.astype(np.int64), codes)
         # Pixel centres are at integers: the centre of a block of s pixels lies (s - 1) / 2 from its first.
         scale = np.array([grey.shape[1] / level.shape[1], grey.shape[0] / level.shape[0]])
-        corners.append(((places[:count] + 0.5) * scale - 0.5).astype(np.float32))
-        descriptors.append(codes[:count])
+        corners.append(((places + 0.5) * scale - 0.5).astype(np.float32))
+        descriptors.append(codes)
     return np.concatenate(corners), np.concatenate(descriptors)
 
 
+def _strongest(level: NDArray[np.uint8], most: int) -> NDArray[np.int64]:
+    """Places (n, 2) of the strongest corners of each cell, no weaker than their neighbours."""
+    strength = np.zeros_like(level)
+    _fill_strength(level, strength)
+    around = cv2.dilate(strength, np.ones((3, 3), np.uint8))
+    # twice as fast as nonzero on two axes
+    best = np.flatnonzero((strength == around) & (strength >= CORNER_CONTRAST))
+    best = best[np.argsort(~strength.ravel()[best], kind="stable")]
+    places = np.column_stack([best % level.shape[1], best // level.shape[1]])
+    return np.asarray(places[first_of_cells(places - MARGIN_PX, CORNER_CELL_PX, most)])
+
+
 @compiled
-def _corners(level: NDArray[np.uint8], most: int, places: NDArray[np.int64]) -> int:
-    # Fills the places (u, v) of the strongest `most` corners of each cell, and returns their number. A corner is no
-    # weaker than its neighbours.
+def _fill_strength(level: NDArray[np.uint8], strength: NDArray[np.uint8]) -> None:
     height, width = level.shape
-    strength = np.zeros((height, width), np.uint8)
     for grey in (level, ~level):
-        for y in range(3, height - 3):
-            above, below = (
-                (grey[y - 3], grey[y - 2], grey[y - 1]),
-                (grey[y + 1], grey[y + 2], grey[y + 3]),
-            )
-            _raise_strength(above, grey[y], below, strength[y, 3 : width - 3])
-    count = 0
-    for top in range(MARGIN_PX, height - MARGIN_PX, CORNER_CELL_PX):
-        for left in range(MARGIN_PX, width - MARGIN_PX, CORNER_CELL_PX):
-            first, least = count, CORNER_CONTRAST - 1
-            for v in range(top, min(top + CORNER_CELL_PX, height - MARGIN_PX)):
-                for u in range(left, min(left + CORNER_CELL_PX, width - MARGIN_PX)):
-                    own = strength[v, u]
-                    if own <= least or own < strength[v - 1 : v + 2, u - 1 : u + 2].max():
-                        continue
-                    if count < first + most:
-                        count += 1
-                    n = count - 1
-                    while n > first and strength[places[n - 1, 1], places[n - 1, 0]] < own:
-                        places[n] = places[n - 1]
-                        n -= 1
-                    places[n, 0], places[n, 1] = u, v
-                    if count == first + most:
-                        least = strength[places[count - 1, 1], places[count - 1, 0]]
-    return count
+        for y in range(MARGIN_PX, height - MARGIN_PX):
+            seen = grey[y - 3 : y + 4, MARGIN_PX - 3 :]
+            above, below = (seen[0], seen[1], seen[2]), (seen[4], seen[5], seen[6])
+            _raise_strength(above, seen[3], below, strength[y, MARGIN_PX : width - MARGIN_PX])
 
 
 @compiled_within
@@ -162,7 +148,8 @@ def first_of_cells(
     """Which places (n, 2) px are among the first `most` of their square cell of an image."""
     cell = np.floor(places / side_px).astype(np.int64)
     key = cell[:, 1] * (cell[:, 0].max(initial=0) + 1) + cell[:, 0]
-    order = np.argsort(key, kind="stable")
+    # numbers of 16 bits are sorted several times as fast
+    order = np.argsort(key.astype(np.min_scalar_type(key.max(initial=0))), kind="stable")
     kept = np.empty(len(key), np.bool_)
     kept[order] = np.arange(len(key)) - np.searchsorted(key[order], key[order]) < most
     return kept

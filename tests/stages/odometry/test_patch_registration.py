@@ -29,8 +29,7 @@ def somewhere(count=250):
 def register(far, near, corners, starts=None, warps=None):
     starts = corners.astype(float) if starts is None else starts
     warps = plates(len(corners)) if warps is None else warps
-    last_first = lambda work, parts: map(work, reversed(parts))  # noqa: E731
-    return register_patches(far, near, corners, starts, warps, 2, last_first)
+    return register_patches(far, near, corners, starts, warps, 2)
 
 
 def plates(count, scale=1.0):
