@@ -15,7 +15,6 @@ from wayside.stages.detection import (
     detect,
     detect_externally,
     propose,
-    propose_segments,
 )
 from wayside.stages.mapping import LandmarkClassifier, SideClassifiers
 from wayside.stages.report import classify_color, classify_shape
@@ -44,16 +43,10 @@ def detector_of(settings: Settings, models: Models) -> Detector:
 
 
 def networks(s: Settings, m: Models) -> Detector:
-    """Boxes of the detection network, or without one every segment, classified by the box network."""
+    """Boxes of the detection network, classified by the box network."""
     boxes = _box_network(m)
     front = _needed(m.front_scores, "front.json")
-    proposals: list[Stage[Any, Any]]
-    if m.detection_network is None:
-        segments = stage("segment", segment, s.segment, s.gate)
-        proposals = [segments, stage("propose", propose_segments)]
-    else:
-        network = DetectionNetwork(m.detection_network.path)
-        proposals = [stage("propose", propose, network=network)]
+    network = DetectionNetwork(_needed(m.detection_network, "network.onnx").path)
     back = None
     if m.back_scores is not None:
         behind = BoxClassifier(boxes, m.back_scores, back=True)
@@ -63,7 +56,7 @@ def networks(s: Settings, m: Models) -> Detector:
     )
     view = BoxClassifier(boxes, front, back=False)
     judges = SideClassifiers(view, LandmarkClassifier(m.landmark_classifier))
-    return Detector([*proposals, classified], judges, back)
+    return Detector([stage("propose", propose, network=network), classified], judges, back)
 
 
 def report_gates(s: Settings, m: Models) -> Detector:

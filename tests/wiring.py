@@ -62,8 +62,8 @@ TESTS = Path(__file__).parent / "end_to_end"
 PRESETS = ("default", "report", "report-shape", "report-2d")
 NOT_BYPASSED = {"read", "queue"}
 """Names that the clock knows beside the stages: the source of the frames and the wait for the workers."""
-BY_OPTION = {"detect_externally", "propose_segments"}
-"""Stages that no preset calls: `--detector`, `--detections` and an empty `models.network` do."""
+BY_OPTION = {"detect_externally"}
+"""Stages that no preset calls: `--detector` and `--detections` do."""
 DRAWN = {("default", "location_classes")}
 """Models that decide nothing in a preset: the viewer draws them, which tests/pipeline/view/test_views.py sees."""
 SURE = 5.0

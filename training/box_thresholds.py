@@ -133,8 +133,6 @@ def scored_boxes(log: Path, folder: Path) -> tuple[list[ScoredBoxes], list[Score
     """
     settings, _ = load_settings("default", None, [], {"models.folder": str(folder)})
     models = load_models(settings)
-    if models.detection_network is None:
-        raise InputError(f"{folder}: there is no detection network")
     asked = replace(
         models,
         front_scores=ScoreModel(LOWEST, ""),

@@ -162,7 +162,7 @@ def load_models(settings: Settings) -> Models:
 def _default_models(folder: ModelFolder, settings: Settings) -> Models:
     """The networks of preset `default`, or another detector in their place."""
     external = _external(settings)
-    network = settings.models.network if external is None else ""
+    network = settings.models.network
     return Models(
         _location(folder, settings.models.location or "location.json"),
         folder.read("outline.json", LinearModel),
@@ -172,7 +172,7 @@ def _default_models(folder: ModelFolder, settings: Settings) -> Models:
         back_scores=folder.find("back.json", ScoreModel),
         box_network=folder.network("box.onnx", BoxNetwork),
         detection_network=(
-            folder.network(network, DetectionNetwork, "models.network") if network else None
+            None if external else folder.network(network, DetectionNetwork, "models.network")
         ),
         external=external,
         face_network=folder.network("face_code.onnx", FaceClassifier),

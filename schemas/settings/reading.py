@@ -64,8 +64,7 @@ class ModelSettings:
     network: str = setting(
         "network.onnx",
         "file",
-        "detection network, whose boxes are classified and which says what segments are: an ONNX file, or the "
-        "name of one that ships; empty: none",
+        "detection network, whose boxes are classified: an ONNX file, or the name of one that ships",
     )
     detector: str = setting(
         "",

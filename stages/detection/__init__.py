@@ -42,5 +42,4 @@ from wayside.stages.detection.onnx_detector import named_boxes as named_boxes
 from wayside.stages.detection.onnx_detector import score_log_odds as score_log_odds
 from wayside.stages.detection.proposals import fits_face as fits_face
 from wayside.stages.detection.proposals import propose as propose
-from wayside.stages.detection.proposals import propose_segments as propose_segments
 from wayside.stages.detection.proposals import regions_of as regions_of

@@ -66,13 +66,6 @@ def propose(images: Iterator[Image], *, network: DetectionNetwork) -> Iterator[S
         yield fitting(item, camera)
 
 
-def propose_segments(items: Iterator[Segmentation]) -> Iterator[Segmentation]:
-    """Keep those segments of each image that a face can be, where there is no detection network."""
-    for item in items:
-        camera = item.frame.camera
-        yield item if camera is None else fitting(item, camera)
-
-
 def fitting(item: Segmentation, camera: Camera) -> Segmentation:
     """The image with the regions that a face can be, by size and aspect, and one of those that are nearly the same."""
     box, score = item.regions.box, item.network_score

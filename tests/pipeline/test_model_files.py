@@ -338,11 +338,8 @@ def test_a_detection_network_is_read_where_it_is_named_and_its_digest_is_stated(
             load_models(settings(network=str(name)))
 
 
-def test_the_detection_network_that_ships_is_used_unless_none_is_wanted(shipped):
+def test_the_detection_network_that_ships_is_used_by_preset_default_alone(shipped):
     assert Path(shipped.detection_network.path).parent == Path(str(shipped_models()))
-    without = load_models(settings(network=""))
-    assert without.detection_network is None
-    assert "network" not in without.digests()
     assert load_models(settings("report", network="network.onnx")).detection_network is None
 
 

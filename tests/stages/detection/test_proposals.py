@@ -8,8 +8,8 @@ import pytest
 
 from wayside.schemas.detections import SOURCES, Segmentation
 from wayside.schemas.frame import THINNED, USED, Camera
-from wayside.stages.detection import DetectionNetwork, propose, propose_segments
-from wayside.stages.detection.proposals import MOST_BOXES, SAME_BOX_IOU
+from wayside.stages.detection import DetectionNetwork, propose
+from wayside.stages.detection.proposals import MOST_BOXES, SAME_BOX_IOU, fitting
 from wayside.stages.geometry import iou_matrix
 
 from ..made_frames import made_image, made_regions
@@ -27,10 +27,8 @@ def segmented(boxes=(), *, red=(), status=USED, camera=CAMERA):
     return Segmentation(image, table, len(table), np.zeros((0, 3)), np.zeros(0), (0, 480))
 
 
-def proposed(item, network=NETWORK):
-    if network is None:
-        return next(propose_segments(iter([item])))
-    return next(propose(iter([item.image]), network=network))
+def proposed(item):
+    return next(propose(iter([item.image]), network=NETWORK))
 
 
 def of_network(item):
@@ -79,9 +77,9 @@ def test_an_image_of_short_focal_length_is_seen_as_large_as_those_learned_from(f
 def test_faces_are_searched_for_as_tall_as_the_network_sees_them():
     camera = replace(CAMERA, fx=350.0, fy=350.0)
     boxes = [[100, 100, 106, 104], [200, 100, 206, 103]]
-    found = proposed(segmented(boxes, camera=camera), network=None)
+    found = fitting(segmented(boxes), camera)
     assert found.regions.box.tolist() == boxes[:1]
-    assert len(proposed(segmented(boxes), network=None).regions) == 0
+    assert len(fitting(segmented(boxes), CAMERA).regions) == 0
 
 
 def test_no_more_boxes_of_the_network_than_asked_for():
@@ -114,7 +112,7 @@ def test_a_face_that_is_seen_at_both_sizes_has_one_box():
 
 def test_segments_of_the_size_of_a_face_stay_and_others_are_counted_with_their_reason():
     item = segmented([[10, 20, 40, 50], [10, 20, 40, 51], [0, 0, 630, 20], [5, 5, 9, 9]])
-    found = proposed(item, network=None)
+    found = fitting(item, CAMERA)
     assert found.regions.box.tolist() == [[10, 20, 40, 50]]
     assert (found.dropped.size, found.dropped.merged) == (2, 1)
     assert found.network_score is None
