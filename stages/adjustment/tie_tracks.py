@@ -96,28 +96,25 @@ def link_tracks(step: Numbers, corners: Numbers) -> Numbers:
     tie is a track of its own. A tie that ends at a corner is followed by the tie of the next step that starts there. Of
     two that end at the same corner the last is followed.
     """
-    n = len(step)
-    track = np.full(n, -1, np.int64)
-    table = np.full(int(corners.max(initial=-1)) + 1, -1, np.int64)
-    count, last = 0, -2
-    for k in np.unique(step):
-        rows = np.flatnonzero(step == k)
-        start = corners[rows, 0]
-        if k == last + 1:
-            continued = np.where(start >= 0, table[start], -1)
-            # of several ties from one corner one continues the track
-            _, once = np.unique(np.where(continued >= 0, continued, -1 - rows), return_index=True)
-            single = np.zeros(len(rows), np.bool_)
-            single[once] = True
-            track[rows] = np.where(single, continued, -1)
-        fresh = rows[track[rows] < 0]
-        track[fresh] = count + np.arange(len(fresh))
-        count += len(fresh)
-        table[:] = -1
-        ends = corners[rows, 1]
-        table[ends[ends >= 0]] = track[rows[ends >= 0]]
-        last = int(k)
+    track = np.empty(len(step), np.int64)
+    _link(step, corners, np.full((2, int(corners.max(initial=-1)) + 1), -1, np.int64), track)
     return track
+
+
+@compiled
+def _link(step: Numbers, corners: Numbers, ends: Numbers, track: Numbers) -> None:
+    count = 0
+    for i in range(len(step)):
+        # rows of ties by the corner at which they end, of even and of odd steps
+        before, first, last = ends[(step[i] - 1) % 2], corners[i, 0], corners[i, 1]
+        row = before[first] if first >= 0 else -1
+        if row >= 0 and step[row] == step[i] - 1:
+            track[i], before[first] = track[row], -1
+        else:
+            track[i] = count
+            count += 1
+        if last >= 0:
+            ends[step[i] % 2, last] = i
 
 
 def select_tracks(track: Numbers, step: Numbers, cell: Numbers) -> NDArray[np.bool_]:

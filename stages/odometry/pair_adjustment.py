@@ -117,7 +117,7 @@ def adjust_pair(  # noqa: PLR0913 - half of them are constants that tests vary
     offset = found.points[:, :2] - direction[:2] / direction[2]
     displacement = focal_px * np.maximum(found.points[:, 2], 0) * np.linalg.norm(offset, axis=1)
     # Weights use the stated errors: larger ones change the stated covariance, not the motion.
-    alone = np.sqrt(scatter**2 - 1) * errors.sigma_px / focal_px * found.gain
+    alone = np.sqrt(scatter**2 - 1) * errors.sigma_px / focal_px * found.gain.reshape(-1, 6)
     shared_px = scatter * correlated_sigma_px(displacement, errors)
     effect = shared_px[:, None, None] * found.gain[n:] / focal_px
     shared = correlated_covariance(
@@ -128,7 +128,7 @@ def adjust_pair(  # noqa: PLR0913 - half of them are constants that tests vary
         direction,
         found.points,
         displacement,
-        found.covariance + np.einsum("nik,nim->km", alone, alone) + shared,
+        found.covariance + alone.T @ alone + shared,
         found.iterations,
         errors.sigma_px * np.sqrt(found.history / (4 * max(n, 1))),
     )

@@ -2,12 +2,7 @@ import numpy as np
 import pytest
 
 from wayside.schemas.motion import StepPrior
-from wayside.stages.adjustment.correlated_errors import (
-    TIE_ERRORS,
-    TieErrors,
-    correlated_covariance,
-    tie_scatter,
-)
+from wayside.stages.adjustment import TIE_ERRORS, TieErrors, correlated_covariance, tie_scatter
 from wayside.stages.geometry.rotation import tangent_basis, vector_from_rotation
 from wayside.stages.odometry.pair_adjustment import adjust_pair
 
