@@ -21,19 +21,28 @@ def class_distances(
     values: NDArray[np.floating[Any]], classes: Sequence[GaussianClass]
 ) -> NDArray[np.float64]:
     """Mahalanobis distance of each value (n, d) to each class: (n, classes), eq. 3.1."""
-    result = np.empty((len(values), len(classes)))
-    for j, one in enumerate(classes):
-        white = np.linalg.inv(np.linalg.cholesky(one.covariance))
-        result[:, j] = np.linalg.norm((np.asarray(values, np.float64) - one.mean) @ white.T, axis=1)
-    return result
+    mean, covariance = np.stack([one.mean for one in classes]), _covariances(classes)
+    white = np.linalg.inv(np.linalg.cholesky(covariance)).transpose(0, 2, 1)
+    off = (np.asarray(values, np.float64) - mean[:, None]) @ white
+    return np.asarray(np.linalg.norm(off, axis=2).T)
+
+
+def _covariances(classes: Sequence[GaussianClass]) -> NDArray[np.float64]:
+    return np.stack([one.covariance for one in classes])
 
 
 def log_normals(
     values: NDArray[np.floating[Any]], classes: Sequence[GaussianClass]
 ) -> NDArray[np.float64]:
     """Natural logarithm of the density of each class at each value (n, d): (n, classes)."""
-    volume = [np.linalg.slogdet(2 * np.pi * one.covariance)[1] for one in classes]
-    return np.asarray(-(class_distances(values, classes) ** 2 + volume) / 2)
+    return _log_densities(class_distances(values, classes), classes)
+
+
+def _log_densities(
+    distances: NDArray[np.float64], classes: Sequence[GaussianClass]
+) -> NDArray[np.float64]:
+    volume = np.linalg.slogdet(2 * np.pi * _covariances(classes))[1]
+    return np.asarray(-(distances**2 + volume) / 2)
 
 
 def log_ratios(values: NDArray[np.floating[Any]], model: GaussianModel) -> NDArray[np.float64]:
@@ -41,15 +50,17 @@ def log_ratios(values: NDArray[np.floating[Any]], model: GaussianModel) -> NDArr
 
     (n, classes), a class as part of the density of signs; nan for values that are not finite.
     """
+    return _ratios_at(class_distances(values, (*model.classes, *model.background)), model)
 
-    def weighted(parts: Sequence[GaussianClass]) -> NDArray[np.float64]:
-        count = np.array([one.count for one in parts], np.float64)
-        return np.asarray(log_normals(values, parts) + np.log(count / count.sum()))
 
-    signs = weighted(model.classes)
+def _ratios_at(distances: NDArray[np.float64], model: GaussianModel) -> NDArray[np.float64]:
+    k, parts = len(model.classes), (*model.classes, *model.background)
+    count = np.array([one.count for one in parts], np.float64)
+    share = np.concatenate([own / own.sum() for own in np.split(count, [k])])
+    weighted = _log_densities(distances, parts) + np.log(share)
     if not model.background:
-        return signs
-    return np.asarray(signs - np.logaddexp.reduce(weighted(model.background), axis=1)[:, None])
+        return weighted
+    return np.asarray(weighted[:, :k] - np.logaddexp.reduce(weighted[:, k:], axis=1)[:, None])
 
 
 def log_ratio(values: NDArray[np.floating[Any]], model: MixtureModel) -> NDArray[np.float64]:
@@ -69,9 +80,10 @@ def nearest_class(
     Mahalanobis distance (n,) float32, and the ratio (n,), nan there.
     """
     codes = np.array([names.index(one.name) for one in model.classes], np.int8)
-    distances = class_distances(values, model.classes)
+    every = class_distances(values, (*model.classes, *model.background))
+    distances = every[:, : len(codes)]
     code = np.where(np.isfinite(values).all(axis=1), codes[distances.argmin(axis=1)], np.int8(-1))
-    return code, distances.min(axis=1).astype(np.float32), log_ratios(values, model).max(axis=1)
+    return code, distances.min(axis=1).astype(np.float32), _ratios_at(every, model).max(axis=1)
 
 
 def evidence_ratios(model: EvidenceModel, values: Mapping[str, float]) -> dict[str, float]:

@@ -59,7 +59,9 @@ def match_points(
     pair = start[i], end[j], moved.rotation, moved.centre
     e = pair_residual(*pair, (second.camera.fx, second.camera.fy)).reshape(shape)
     point = points_of_second(*pair).reshape(*shape, 3)
-    apart = np.linalg.norm(own[:, None] - other, axis=2)
+    # whole numbers below 256: sums of 128 squares are exact
+    lengths = ((part * part).sum(axis=1) for part in (own, other))
+    apart = np.sqrt(np.add.outer(*lengths) - 2 * (own @ other.T))
     apart[~((e < LARGEST_E) & np.isfinite(point[:, :, 2]))] = np.inf
     nearest, rows = apart.argmin(axis=1), np.arange(len(start))
     elsewhere = np.linalg.norm(places[:, None] - places, axis=2) > SAME_PX
