@@ -21,14 +21,10 @@ def class_distances(
     values: NDArray[np.floating[Any]], classes: Sequence[GaussianClass]
 ) -> NDArray[np.float64]:
     """Mahalanobis distance of each value (n, d) to each class: (n, classes), eq. 3.1."""
-    mean, covariance = np.stack([one.mean for one in classes]), _covariances(classes)
-    white = np.linalg.inv(np.linalg.cholesky(covariance)).transpose(0, 2, 1)
-    off = (np.asarray(values, np.float64) - mean[:, None]) @ white
+    mean = np.stack([one.mean for one in classes])[:, None]
+    white = np.linalg.inv(np.linalg.cholesky(np.stack([one.covariance for one in classes])))
+    off = (np.asarray(values, np.float64) - mean) @ white.transpose(0, 2, 1)
     return np.asarray(np.linalg.norm(off, axis=2).T)
-
-
-def _covariances(classes: Sequence[GaussianClass]) -> NDArray[np.float64]:
-    return np.stack([one.covariance for one in classes])
 
 
 def log_normals(
@@ -41,7 +37,7 @@ def log_normals(
 def _log_densities(
     distances: NDArray[np.float64], classes: Sequence[GaussianClass]
 ) -> NDArray[np.float64]:
-    volume = np.linalg.slogdet(2 * np.pi * _covariances(classes))[1]
+    volume = np.linalg.slogdet(2 * np.pi * np.stack([one.covariance for one in classes]))[1]
     return np.asarray(-(distances**2 + volume) / 2)
 
 

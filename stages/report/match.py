@@ -46,8 +46,7 @@ def extract_sift(images: Iterator[Detections]) -> Iterator[Detections]:
         grey, candidates = item.image.grey, item.candidates
         if grey is not None:
             found = describe_regions(grey, candidates.regions.select(candidates.open_rows()))
-            features = replace(item.features, sign_descriptors=found)
-            item = replace(item, features=features)
+            item = replace(item, features=replace(item.features, sign_descriptors=found))
         yield item
 
 
@@ -60,8 +59,7 @@ def describe_regions(grey: NDArray[np.uint8], regions: Regions) -> NDArray[np.fl
     side = regions.box[:, 2:] - regions.box[:, :2]
     middle, step = box_centers(regions.box), side * (AROUND / _SAMPLES)
     level = np.clip(np.log2(step).mean(axis=1).astype(np.int64), 0, _LEVELS - 1)
-    cells = np.zeros((len(regions), _CELLS, _CELLS, _ANGLES), np.float32)
-    image = grey
+    image, cells = grey, np.zeros((len(regions), _CELLS, _CELLS, _ANGLES), np.float32)
     for k in range(_LEVELS):
         rows = np.flatnonzero(level == k)
         if k > 0:
@@ -89,26 +87,25 @@ def _describe(
     found: NDArray[np.float32],
 ) -> None:
     """Gradients (n, cells, cells, angles) of the patches of some rows: points (n, 2), steps (n, 2) between samples."""
-    cells, samples = _CELLS, _SAMPLES
-    patch = np.empty((samples + 2, samples + 2), np.float32)
-    across, along = np.empty((cells, _ANGLES), np.float32), np.empty(_ANGLES, np.float32)
+    patch = np.empty((_SAMPLES + 2, _SAMPLES + 2), np.float32)
+    across, along = np.empty((_CELLS, _ANGLES), np.float32), np.empty(_ANGLES, np.float32)
     for i in rows:
         _sample(image, middle[i, 0], middle[i, 1], step[i, 0], step[i, 1], patch)
-        for a in range(samples):
+        for a in range(_SAMPLES):
             across[:] = 0
-            for b in range(samples):
+            for b in range(_SAMPLES):
                 right = patch[a + 1, b + 2] - patch[a + 1, b]
                 down = patch[a + 2, b + 1] - patch[a, b + 1]
                 for k in range(_ANGLES):
                     turned = right * directions[k, 0] + down * directions[k, 1]
                     along[k] = max(turned, np.float32(0))
-                for c in range(cells):
+                for c in range(_CELLS):
                     if weights[c, b] > 0:
                         for k in range(_ANGLES):
                             across[c, k] += weights[c, b] * along[k]
-            for r in range(cells):
+            for r in range(_CELLS):
                 if weights[r, a] > 0:
-                    for c in range(cells):
+                    for c in range(_CELLS):
                         for k in range(_ANGLES):
                             found[i, r, c, k] += weights[r, a] * across[c, k]
 
@@ -177,9 +174,8 @@ class _Matcher(WindowSolver):
     def _likely(self, recent: Sequence[WindowFrame]) -> NDArray[np.int64]:
         """Segments on each other's epipolar lines with like descriptors."""
         older, newer = recent
-        start, end = older.motion.pose, newer.motion.pose
-        moved = end.rotation.T @ (start.centre - end.centre)
-        essential = cross_matrices(moved) @ end.rotation.T @ start.rotation
+        moved = older.motion.pose.relative_to(newer.motion.pose)
+        essential = cross_matrices(moved.centre) @ moved.rotation
         rays = older.followed["ray"]
         lines = np.column_stack([rays, np.ones(len(rays))]) @ essential.T
         lines /= np.linalg.norm(lines[:, :2], axis=1, keepdims=True)
@@ -187,34 +183,27 @@ class _Matcher(WindowSolver):
         one, two = (f.posed.detections.features.sign_descriptors for f in (older, newer))
         alike = np.zeros((len(one), len(two)), np.bool_)
         _compare(lines, np.ascontiguousarray(newer.followed["ray"]), gap, one, two, alike)
-        first, second = np.nonzero(alike)
-        return np.stack([first, second + len(one)], axis=1)
+        return np.argwhere(alike) + np.array([0, len(one)])
 
     def _settle(self, passed: list[LandmarkFit], ahead: list[LandmarkFit]) -> None:
         """Give landmarks to their frames; SIFT points measure those that a gate accepts."""
         for fit in passed:
             measured = LandmarkMeasurement(fit.point, fit.covariance, box_panel(fit, self._window))
             views = [(self._window[k], row) for k, row in zip(fit.frames, fit.rows, strict=True)]
-            seen = fit.seen
-            terms = {
-                "appearance": APPEARANCE * seen["score"].mean(),
-                "views": VIEWS * np.log(len(seen)),
-            }
+            look, many = APPEARANCE * fit.seen["score"].mean(), VIEWS * np.log(len(views))
             self._report(
                 fit,
                 measured,
                 np.nan,
                 "sign",
-                evidence=tuple((name, float(ratio)) for name, ratio in terms.items()),
-                facing_deg=np.nan,
-                sigma_facing_deg=np.nan,
-                trajectory=trajectory_of(seen["ray"], [held.motion for held, _ in views]),
+                evidence=(("appearance", float(look)), ("views", float(many))),
+                trajectory=trajectory_of(fit.seen["ray"], [held.motion for held, _ in views]),
                 crops=tuple(crop for view in views[-CROPPED_VIEWS:] for crop in _crops(*view)),
             )
-            centres = [held.candidates.center[held.followed["candidate"][r]] for held, r in views]
+            centres = box_centers(fit.seen["box"]).astype(np.float32)
             for k in np.flatnonzero(np.diff(fit.frames) == 1).tolist():
-                held, link = views[k + 1][0], np.concatenate(centres[k : k + 2])[None]
-                held.matches = np.concatenate([held.matches, link.astype(np.float32)])
+                held, link = views[k + 1][0], centres[k : k + 2].reshape(1, 4)
+                held.matches = np.concatenate([held.matches, link])
 
 
 def _crops(held: WindowFrame, row: int) -> Iterator[Crop]:

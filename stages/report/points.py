@@ -59,9 +59,9 @@ def match_points(
     pair = start[i], end[j], moved.rotation, moved.centre
     e = pair_residual(*pair, (second.camera.fx, second.camera.fy)).reshape(shape)
     point = points_of_second(*pair).reshape(*shape, 3)
-    # whole numbers below 256: sums of 128 squares are exact
-    lengths = ((part * part).sum(axis=1) for part in (own, other))
-    apart = np.sqrt(np.add.outer(*lengths) - 2 * (own @ other.T))
+    # exact: sums of 128 products of whole numbers below 256
+    square = (own**2).sum(axis=1)[:, None] + (other**2).sum(axis=1)
+    apart = np.sqrt(square - 2 * own @ other.T)
     apart[~((e < LARGEST_E) & np.isfinite(point[:, :, 2]))] = np.inf
     nearest, rows = apart.argmin(axis=1), np.arange(len(start))
     elsewhere = np.linalg.norm(places[:, None] - places, axis=2) > SAME_PX
@@ -148,12 +148,9 @@ def _placed(one: Landmark, sift: cv2.SIFT, sizes: GaussianModel) -> Landmark:
     point = poses[1].to_world(centre)
     rays = np.full(2, fit.sigma / float(depth_sigma(centre[None], travel)[0]))
     step = STEP_COVARIANCE if second.motion.covariance is None else second.motion.covariance
-    rotations, centres = (
-        np.stack([getattr(p, name) for p in poses]) for name in ("rotation", "centre")
-    )
-    world = point_covariance(
-        rotations, centres, point, np.arange(2), rays, rays, np.stack([step, step]), 1
-    )
+    placed = (np.stack([getattr(p, name) for p in poses]) for name in ("rotation", "centre"))
+    views = np.arange(2), rays, rays, np.stack([step, step])
+    world = point_covariance(*placed, point, *views, best=1)
     axes, position = one.best_pose.rotation, one.best_pose.to_camera(point)
     right, down, ahead = position - one.position
     width, height = position[2] / one.position[2] * np.array([one.width_m, one.height_m])

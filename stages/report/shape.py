@@ -92,9 +92,10 @@ def classify_shape(
     for one in detections:
         candidates = one.candidates
         rows = candidates.open_rows()
-        outlines = outlines_of(one.segmentation, candidates.regions.select(rows))
         shape, distance = candidates.shape.copy(), candidates.shape_distance.copy()
-        features = fourier_descriptors(outlines)
+        features = fourier_descriptors(
+            outlines_of(one.segmentation, candidates.regions.select(rows))
+        )
         shape[rows], distance[rows], ratio = nearest_class(features, model, SHAPES)
         named = replace(candidates, shape=shape, shape_distance=distance)
         refused = rows[~(ratio >= model.threshold)]
