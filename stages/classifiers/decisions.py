@@ -53,7 +53,7 @@ def _ratios_at(distances: NDArray[np.float64], model: GaussianModel) -> NDArray[
     k, parts = len(model.classes), (*model.classes, *model.background)
     count = np.array([one.count for one in parts], np.float64)
     share = np.concatenate([own / own.sum() for own in np.split(count, [k])])
-    weighted = _log_densities(distances, parts) + np.log(share)
+    weighted = np.asarray(_log_densities(distances, parts) + np.log(share))
     if not model.background:
         return weighted
     return np.asarray(weighted[:, :k] - np.logaddexp.reduce(weighted[:, k:], axis=1)[:, None])

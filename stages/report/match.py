@@ -183,7 +183,7 @@ class _Matcher(WindowSolver):
         one, two = (f.posed.detections.features.sign_descriptors for f in (older, newer))
         alike = np.zeros((len(one), len(two)), np.bool_)
         _compare(lines, np.ascontiguousarray(newer.followed["ray"]), gap, one, two, alike)
-        return np.argwhere(alike) + np.array([0, len(one)])
+        return np.asarray(np.argwhere(alike) + np.array([0, len(one)]))
 
     def _settle(self, passed: list[LandmarkFit], ahead: list[LandmarkFit]) -> None:
         """Give landmarks to their frames; SIFT points measure those that a gate accepts."""

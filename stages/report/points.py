@@ -148,9 +148,9 @@ def _placed(one: Landmark, sift: cv2.SIFT, sizes: GaussianModel) -> Landmark:
     point = poses[1].to_world(centre)
     rays = np.full(2, fit.sigma / float(depth_sigma(centre[None], travel)[0]))
     step = STEP_COVARIANCE if second.motion.covariance is None else second.motion.covariance
-    placed = (np.stack([getattr(p, name) for p in poses]) for name in ("rotation", "centre"))
-    views = np.arange(2), rays, rays, np.stack([step, step])
-    world = point_covariance(*placed, point, *views, best=1)
+    rotations, centres = np.stack([p.rotation for p in poses]), np.stack([p.centre for p in poses])
+    steps = np.stack([step, step])
+    world = point_covariance(rotations, centres, point, np.arange(2), rays, rays, steps, 1)
     axes, position = one.best_pose.rotation, one.best_pose.to_camera(point)
     right, down, ahead = position - one.position
     width, height = position[2] / one.position[2] * np.array([one.width_m, one.height_m])
