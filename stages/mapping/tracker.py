@@ -289,10 +289,8 @@ class _Tracker(WindowSolver):
     def _surrounded(self, one: _Classified) -> _Classified:
         """The landmark with the evidence of its surroundings, see `surroundings_correlation`."""
         images = [self._window[k].rgb for k in one.fit.frames.tolist()]
-        features, views = (
-            one.evidence.features.copy(),
-            zip(images, one.fit.seen["box"], strict=True),
-        )
+        features = one.evidence.features.copy()
+        views = zip(images, one.fit.seen["box"], strict=True)
         features[SURROUNDINGS] = surroundings_correlation(
             (rgb, box) for rgb, box in views if rgb is not None
         )

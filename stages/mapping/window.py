@@ -49,11 +49,7 @@ FOLLOWED = np.dtype(
         ("size", np.float64, 2),  # width and height in ideal image coordinates
         ("tall_px", np.float64),  # height in ideal pixels
         ("score", np.float64),  # log odds of what it is followed as
-        (
-            "color",
-            np.float64,
-            len(LEARNED_COLORS),
-        ),  # log probability of each colour, nan if not known
+        ("color", np.float64, len(LEARNED_COLORS)),  # log probability of each, or nan
         ("shape", np.float64, len(SHAPES)),  # the same of each shape
         ("whole", np.bool_),  # does not touch the edge of the image
         ("assigned", np.bool_),  # belongs to a finished landmark
@@ -139,10 +135,9 @@ class WindowFrame:
         box, back = added["box"].astype(np.float32), added["back"]
         score = added["score"].astype(np.float32)
         more = Candidates.of(regions_of(box, np.full(len(box), NONE), self.rgb, "predicted"))
-        more = replace(more, ideal=np.ascontiguousarray(added["ideal"]))
-        more = replace(
-            more, score=np.where(back, nan, score), back_score=np.where(back, score, nan)
-        )
+        score, behind = np.where(back, nan, score), np.where(back, score, nan)
+        ideal = np.ascontiguousarray(added["ideal"])
+        more = replace(more, ideal=ideal, score=score, back_score=behind)
         return Candidates.joined([self.candidates, more])
 
     def finished(self) -> TrackedFrame:

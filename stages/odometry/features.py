@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.detections import Detections, Features
+from wayside.schemas.detections import Detections
 from wayside.schemas.settings import FeatureSettings
 from wayside.stages.geometry import ideal_points
 from wayside.stages.kernels import compiled, compiled_within
@@ -28,9 +28,6 @@ REACH_PX = 15
 MARGIN_PX = REACH_PX + 1
 PATTERN = np.rint(np.random.default_rng(0).normal(0, 6, (256, 4))).clip(-REACH_PX, REACH_PX)
 """Pairs of pixels that a descriptor compares, (u, v, u, v) off the corner: normal, a fifth of the patch wide."""
-
-Row = NDArray[np.uint8]
-Rows = tuple[Row, Row, Row]
 
 
 def extract_features(
@@ -64,7 +61,7 @@ def tie_corners(
     road hardly roll. The pyramid starts at half size: the blur of lens and JPEG lies below that scale.
     """
     level = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    corners, descriptors = [_NONE.corners], [_NONE.descriptors]
+    corners, descriptors = list[Any](), list[Any]()
     for index in range(PYRAMID_LEVELS):
         if index > 0:
             level = cv2.resize(level, None, fx=1 / PYRAMID_SCALE, fy=1 / PYRAMID_SCALE)
@@ -83,6 +80,7 @@ def _strongest(level: NDArray[np.uint8], most: int) -> NDArray[np.int64]:
     """Places (n, 2) of the strongest corners of each cell, no weaker than their neighbours."""
     strength = np.zeros_like(level)
     _fill_strength(level, strength)
+    strength[:, :MARGIN_PX] = strength[:, -MARGIN_PX:] = 0
     around = cv2.dilate(strength, np.ones((3, 3), np.uint8))
     # twice as fast as nonzero on two axes
     best = np.flatnonzero((strength == around) & (strength >= CORNER_CONTRAST))
@@ -96,13 +94,13 @@ def _fill_strength(level: NDArray[np.uint8], strength: NDArray[np.uint8]) -> Non
     height, width = level.shape
     for grey in (level, ~level):
         for y in range(MARGIN_PX, height - MARGIN_PX):
-            seen = grey[y - 3 : y + 4, MARGIN_PX - 3 :]
-            above, below = (seen[0], seen[1], seen[2]), (seen[4], seen[5], seen[6])
-            _raise_strength(above, seen[3], below, strength[y, MARGIN_PX : width - MARGIN_PX])
+            above = grey[y - 3], grey[y - 2], grey[y - 1]
+            below = grey[y + 1], grey[y + 2], grey[y + 3]
+            _raise_strength(above, grey[y], below, strength[y, 3 : width - 3])
 
 
 @compiled_within
-def _raise_strength(above: Rows, centre: Row, below: Rows, strength: Row) -> None:
+def _raise_strength(above: Any, centre: Any, below: Any, strength: Any) -> None:
     # Of the pixels of a row between three above and three below: to how much darker each is than all of nine neighbours
     # in turn on a circle, if that is more. The least of eight serves two arcs of nine.
     a3, a2, a1 = above
@@ -153,6 +151,3 @@ def first_of_cells(
     kept = np.empty(len(key), np.bool_)
     kept[order] = np.arange(len(key)) - np.searchsorted(key[order], key[order]) < most
     return kept
-
-
-_NONE = Features.empty()

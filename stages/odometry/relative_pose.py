@@ -16,7 +16,6 @@ from wayside.stages.odometry.mount import Mount
 from wayside.stages.odometry.pair_adjustment import FINE_LAST_SCALE_PX, PAIR_GAIN
 from wayside.stages.odometry.tie_points import (
     COARSE_BITS,
-    COARSE_CORNERS,
     COARSE_RATIO,
     KeypointImage,
     PairMotion,
@@ -166,8 +165,7 @@ def find_coarse_motion(
     predicted: rotation (3, 3) by which corners are predicted. slack_px: half width of the band round the prediction.
     """
     pair = PairMotion(before, now, predicted, prior.direction)
-    every = len(before.corners) // COARSE_CORNERS + 1
-    pairs = pair.matches(slack_px, COARSE_BITS, COARSE_RATIO, every)
+    pairs = pair.matches(slack_px, COARSE_BITS, COARSE_RATIO, before.stride)
     if len(pairs) < FEWEST_COARSE:
         return None, 0
     previous = rays_of_ideal(before.camera, before.ideal[pairs[:, 0]])

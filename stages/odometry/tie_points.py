@@ -71,6 +71,11 @@ class KeypointImage:
         return KeypointImage(camera, grey, corners, descriptors, ideal_points(camera, corners))
 
     @property
+    def stride(self) -> int:
+        """One in so many of its corners leaves `COARSE_CORNERS` at most."""
+        return len(self.corners) // COARSE_CORNERS + 1
+
+    @property
     def focal_px(self) -> float:
         """Mean of both focal lengths."""
         return 0.5 * (self.camera.fx + self.camera.fy)
@@ -130,8 +135,7 @@ class PairMotion:
         outward /= np.maximum(reach, 1e-9)[:, None]
         length = np.minimum(reach * (LARGEST_GROWTH - 1), LONGEST_PX)
         bands = np.column_stack([far, outward, length, np.full(len(far), slack_px)])
-        codes = np.ascontiguousarray(self.before.descriptors[some])
-        now = self.now
+        now, codes = self.now, np.ascontiguousarray(self.before.descriptors[some])
         return match_in_bands(bands, codes, now.ideal, now.descriptors, bits, ratio) * (every, 1)
 
 
@@ -160,10 +164,8 @@ def match_around(
     """
     place = before.corners[::every].astype(np.float64)
     around = np.column_stack([place, np.tile([1.0, 0.0, 0.0, reach_px], (len(place), 1))])
-    codes, others = (
-        np.ascontiguousarray(before.descriptors[::every]),
-        now.corners.astype(np.float64),
-    )
+    codes = np.ascontiguousarray(before.descriptors[::every])
+    others = now.corners.astype(np.float64)
     found = match_in_bands(around, codes, others, now.descriptors, COARSE_BITS, ratio)
     return found * (every, 1)
 

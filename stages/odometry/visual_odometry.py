@@ -30,13 +30,7 @@ from wayside.stages.odometry.relative_pose import (
     estimate_relative_pose,
 )
 from wayside.stages.odometry.step_length import StepLength, step_length
-from wayside.stages.odometry.tie_points import (
-    COARSE_CORNERS,
-    GUIDED_RATIO,
-    SEARCH_PX,
-    KeypointImage,
-    match_around,
-)
+from wayside.stages.odometry.tie_points import GUIDED_RATIO, SEARCH_PX, KeypointImage, match_around
 
 FEWEST_COMMON = 5
 """Points common with the step before that give the length of a step."""
@@ -89,9 +83,8 @@ def shows_no_motion(
     most = min(len(before.corners), len(now.corners))
     if most < settings.smallest_ties:
         return False
-    every = len(before.corners) // COARSE_CORNERS + 1
-    again = match_around(before, now, SEARCH_PX, GUIDED_RATIO, every)
-    return len(again) * every >= STANDING_SHARE * most
+    again = match_around(before, now, SEARCH_PX, GUIDED_RATIO, before.stride)
+    return len(again) * before.stride >= STANDING_SHARE * most
 
 
 def _left_out(item: Detections) -> Detections:
