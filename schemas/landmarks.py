@@ -42,12 +42,15 @@ class Observation:
     """Distance to the reprojected landmark."""
 
 
+_VIEW = np.dtype("i4, i4, f8, f8, f4, f4, f4, f4, f8")
+
+
 class Views(Sequence[Observation]):
     """The views of a landmark as a table of their numbers: all signs of a drive are held until it ends."""
 
     def __init__(self, *columns: NDArray[Any]) -> None:
         rows = zip(*(column.tolist() for column in columns), strict=True)
-        self._table = np.fromiter(rows, np.dtype("i4, i4, f8, f8, f4, f4, f4, f4, f8"))
+        self._table = np.fromiter(rows, _VIEW)
 
     def __len__(self) -> int:
         """Count views."""
