@@ -32,7 +32,7 @@ LONGEST_PX = 500.0
 """Longest displacement by travel."""
 NEAR_EPIPOLE_PX, NEAR_EPIPOLE_GROWTH = 20.0, 1.1
 """Nearer to the epipole the growth cannot be measured; what is assumed there."""
-CELL_PX, PER_CELL = 100.0, 4
+CELL_PX, PER_CELL = 100.0, 6
 """Side of a cell of the image, and the matches registered in each cell at most."""
 SEARCH_PX, ROAD_SEARCH_PX = 2, 3
 """Whole-pixel search round the expected position, and on the road."""
