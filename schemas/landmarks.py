@@ -57,7 +57,9 @@ class Views(Sequence[Observation]):
         return len(self._table)
 
     def __getitem__(self, index: Any) -> Any:
-        """One view."""
+        """One view, or those of a slice."""
+        if isinstance(index, slice):
+            return [self[k] for k in range(*index.indices(len(self)))]
         frame, row, u_px, v_px, *box, residual_px = self._table[index].item()
         return Observation(frame, row, u_px, v_px, tuple(box), residual_px)
 
