@@ -90,7 +90,7 @@ def pair_hypotheses(
     gap_px: float,
     likely: NDArray[np.int64] | None = None,
 ) -> tuple[NDArray[np.int64], Hypotheses]:
-    """Pairs of candidates of two frames whose rays meet at a plausible point with like metric sizes: rows (k, 2).
+    """Pairs of candidates, of older frames and of the newer, whose rays meet plausibly with like sizes: rows (k, 2).
 
     The point is the midpoint of the two rays (report eqs. 7.1 to 7.4). `older`, `newer`: frames, as positions in the
     window. `gap_px`: largest gap of the two rays, pixels, before the share of the height. `likely` (p, 2): rows to try,

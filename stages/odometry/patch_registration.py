@@ -65,7 +65,7 @@ def register_patches(
 
     `far`, `near`: grey images (height, width). `corners`: centre of each patch, (n, 2) whole pixels. `starts`: where
     the patches are expected in the near image, (n, 2) px. `warps`: their expected warp, (n, 3): stretch along u, shear
-    of u by v, stretch along v; a plate seen from nearer has (s, 0, s), the road about (s, k, s * s). `search_px`: whole
+    of u by v, stretch along v. A plate seen from nearer has (s, 0, s), the road about (s, k, s * s). `search_px`: whole
     pixels searched round the start before the fit.
 
     `zncc` is 0 and the point nan where the patch leaves an image, has no texture, the fit exceeds its limits, or the

@@ -231,9 +231,9 @@ def _likely(sides: Array, strength: Array, width_m: float) -> Iterator[tuple[flo
 def post_features(strip: Strip, likely: Sequence[PostEdges]) -> Array:
     """What tells the edges and the kinds of posts, `POST_FEATURES`: (likely, kinds, 55), those of other kinds 0.
 
-    Of edges: strength, that by the strongest, how much less a post changes downwards than what is beside it, several
-    by the width of the panel, and three. Of kinds: width, several, light across (cosine series of 1st, 2nd and 4th
-    order where pixels show it: a tube is darker to both sides, a channel in the middle, a plate is even), and colour.
+    Of edges: strength, strength over that of the strongest, how much less a post changes downwards than its sides do,
+    several by the width of the panel, and three. Of kinds: width, several, colour, and light across by its cosine
+    series of 1st, 2nd and 4th order. A tube is darker at both sides, a channel in the middle, and a plate is even.
     """
     found, best = [], max(one.strength for one in likely)
     beyond = strip.pixel_m * np.array(BAND_PX)[:, None]
