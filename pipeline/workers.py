@@ -5,6 +5,7 @@ from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from time import thread_time
 from typing import Concatenate, Generic, ParamSpec, Protocol, TypeVar
 
@@ -19,9 +20,6 @@ class Item(Protocol):
     def frame(self) -> Frame:
         """The frame."""
 
-
-AHEAD_FROM = 4
-"""Workers from which a second thread does steps in order: with fewer, the first one is not what they wait for."""
 
 Source = TypeVar("Source", bound=Item)
 Result = TypeVar("Result", bound=Item)
@@ -131,8 +129,38 @@ class _ThreadState(threading.local):
     frame: int | None = None
 
 
+def result_of(chain: Callable[[Iterator[Source]], Iterator[Result]], item: Source) -> Result:
+    """The result of one item.
+
+    Raises StageError where the chain ended without a result or an error that could be raised here.
+    """
+    try:
+        for result in chain(iter([item])):
+            return result
+    except SystemExit as error:  # raised here, it would end the run as if all were well
+        raise StageError("workers", None, error) from error
+    raise StageError("workers", None, RuntimeError("a chain has ended without a result"))
+
+
+def _last_is_done(
+    under_way: deque[tuple[Source, Future[Result]]],
+    chain: Callable[[Iterator[Source]], Iterator[Result]],
+) -> bool:
+    """Do the last of the items that no worker has begun; False where there is none."""
+    for k in reversed(range(len(under_way))):
+        item, waits = under_way[k]
+        if waits.cancel():
+            under_way[k] = item, done = item, Future[Result]()
+            try:
+                done.set_result(result_of(chain, item))
+            except Exception as fault:  # raised in its turn
+                done.set_exception(fault)
+            return True
+    return False
+
+
 class Workers:
-    """Threads that do the work of a run; the thread that asks is one of them, and does what none has begun.
+    """Threads that do the work of a run; the thread that asks is one of them: while it waits, it does the last items.
 
     One more would wait for the interpreter's lock. Results do not depend on their number. Leaving ends all threads.
     """
@@ -161,54 +189,29 @@ class Workers:
 
         At most `queue` items a worker are under way: a slow consumer makes the reader wait; so does `has_room` where it
         says no, though one item is always under way. The chain must give one result an item. A fault is raised here,
-        after the results before it.
-
-        Raises StageError where a chain ended without a result or an error that could be raised here.
+        after the results before it. Raises StageError as `result_of`.
         """
         if self._pool is None:
             yield from chain(items)
             return
-
-        def work(item: Source) -> Result:
-            try:
-                for result in chain(iter([item])):
-                    return result
-            except SystemExit as error:  # raised here, it would end the run as if all were well
-                raise StageError("workers", None, error) from error
-            raise StageError("workers", None, RuntimeError("a chain has ended without a result"))
-
+        elsewhere = self._elsewhere(chain)
         under_way: deque[tuple[Source, Future[Result]]] = deque()
         while True:
             while len(under_way) < self.count * queue and (not under_way or has_room()):
                 item = next(items, None)
                 if item is None:
                     break
-                under_way.append((item, self._pool.submit(work, item)))
+                under_way.append((item, self._pool.submit(elsewhere, item)))
             if not under_way:
                 return
-            item, done = under_way.popleft()
-            yield work(item) if done.cancel() else done.result()
+            if under_way[0][1].done() or not _last_is_done(under_way, chain):
+                yield under_way.popleft()[1].result()
 
-    def ahead(self, items: Iterator[Result], queue: int) -> Iterator[Result]:
-        """Make items in a thread of their own, up to `queue` of them before they are asked for.
-
-        So two steps that need the items in order work side by side. A fault is raised here, after the items before it.
-        """
-        if self.count < AHEAD_FROM:
-            yield from items
-            return
-        thread = ThreadPoolExecutor(1, "wayside-ahead-")
-        try:
-            under_way: deque[Future[Result | None]] = deque()
-            while True:
-                while len(under_way) <= queue:
-                    under_way.append(thread.submit(next, items, None))
-                item = under_way.popleft().result()
-                if item is None:
-                    return
-                yield item
-        finally:
-            thread.shutdown(cancel_futures=True)
+    def _elsewhere(
+        self, chain: Callable[[Iterator[Source]], Iterator[Result]]
+    ) -> Callable[[Source], Result]:
+        """What a thread of the pool does with an item."""
+        return partial(result_of, chain)
 
     def map(self, function: Callable[[Given], Value], items: Iterable[Given]) -> Iterator[Value]:
         """As the builtin `map`, side by side with what is under way.

@@ -8,6 +8,7 @@ from typing import Any, Protocol
 
 from wayside.pipeline.chains import Chain, chain_of, profile_stage
 from wayside.pipeline.files.route_file import RouteFile
+from wayside.pipeline.forked_workers import ForkedWorkers, can_fork
 from wayside.pipeline.models.model_files import Models
 from wayside.pipeline.running.image_memory import ImageMemory
 from wayside.pipeline.running.journal import Journal
@@ -22,10 +23,8 @@ from wayside.stages.calibration import DriveCalibration
 from wayside.stages.georeference import DrivePath
 from wayside.stages.roadside import on_road
 
-QUEUED = 2
-"""Images that wait at most for each worker: one is read while another is searched; more take memory alone."""
-MOTION_AHEAD = 2
-"""Images whose motion is known before they are tracked: motion and tracking work side by side."""
+QUEUED = 3
+"""Images that wait at most for each worker, which has work while a window is solved; more take memory alone."""
 
 
 class Observer(Protocol):
@@ -68,12 +67,16 @@ class Flow:
     routes: RouteFile | None = None
     memory: ImageMemory = field(default_factory=ImageMemory)
     counts: FrameCounts = field(default_factory=FrameCounts)
+    forks: bool = False
+    """Whether workers may be processes; with an observer or a journal they are threads, which share them."""
     workers: Workers = field(init=False)
     chain: Chain = field(init=False)
 
     def __post_init__(self) -> None:
         """Build the chain of the preset; its networks are shared by all workers."""
-        self.workers = Workers(self.settings.run.workers)
+        count, shares = self.settings.run.workers, self.observer is None and self.journal is None
+        forks = self.forks and shares and count > 1 and can_fork()
+        self.workers = ForkedWorkers(count, self.clock) if forks else Workers(count)
         self.chain = chain_of(self.settings, self.models, self.routes, self._each)
 
     def track(self, frames: Iterator[Frame]) -> Iterator[TrackedFrame]:
@@ -128,7 +131,6 @@ class Flow:
             items = self._shown(stage, items)
             if stage.name == "motion":
                 items = self.memory.released(items, lambda one: one.motion is None)
-                items = self.workers.ahead(items, MOTION_AHEAD)
             elif stage.name == "track":
                 items = self.memory.released(items, lambda one: True)
         return items

@@ -33,11 +33,11 @@ from wayside.pipeline.results.result import (
     mark_older,
     result_name,
 )
-from wayside.pipeline.running.flow import MOTION_AHEAD, Drive, Flow, FrameCounts, Observer, paced
+from wayside.pipeline.running.flow import Drive, Flow, FrameCounts, Observer, paced
 from wayside.pipeline.running.image_memory import ImageMemory
 from wayside.pipeline.running.journal import Journal, journal_key, remove_journal, result_key
 from wayside.pipeline.running.tuning import trim_heap
-from wayside.pipeline.workers import AHEAD_FROM, StageClock
+from wayside.pipeline.workers import StageClock
 from wayside.schemas.detectors import BoxFile
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import (
@@ -169,6 +169,8 @@ class RunRequest:
     """Keep a `Journal`, and go on with that of an earlier run. Not with an observer, which would miss its frames."""
     calibrate: Calibrate | None = None
     """Called first; None: the calibration is that of the settings or of the log."""
+    forks: bool = False
+    """Whether workers may be processes (`ForkedWorkers`): for a program that does nothing else."""
 
 
 def run_log(asked: RunRequest, run: Run | None = None) -> RunResult:
@@ -235,15 +237,13 @@ class _Task:
         observer = asked.open_observer(self.run.report, self.part)
         accounting = None if source is None else BoxAccounting(source)
         window = settings.track.longest + WINDOW_STEP + HELD_IMAGES * settings.roadside.on
-        window += (MOTION_AHEAD + 1) * (settings.run.workers >= AHEAD_FROM)
         memory = ImageMemory(settings.run.memory_mb, window)
         try:
             if observer is not None and observer.records:
                 self.earlier.check_recording()
             counts, clock = self.run.counts, self.clock
-            flow = Flow(
-                settings, asked.models, clock, observer, self.journal, routes, memory, counts
-            )
+            own = observer, self.journal, routes, memory, counts, asked.forks
+            flow = Flow(settings, asked.models, clock, *own)
             for settled in flow.track(frames):
                 self.statuses[settled.frame.status] += 1
                 if settled.frame.status == DUPLICATE:

@@ -9,12 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wayside.pipeline.running.image_memory import ImageMemory
-from wayside.pipeline.workers import AHEAD_FROM, Workers
+from wayside.pipeline.workers import Workers
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import DUPLICATE, USED, Frame
 
 TRACKED_MB = 640 * 480 * 3 / 1e6
-AHEAD = 2
 ONE_MB = 640 * 480 * (4 + 15 / 16) / 1e6 + 1e-3
 
 
@@ -54,7 +53,7 @@ def flow(items, memory, workers, queue, window):
         has_room = {"has_room": lambda: memory.has_room}
         found = pool.ordered(lambda source: map(replace, source), frames, queue=queue, **has_room)
         used = memory.released(counted(found, TRACKED_MB - ONE_MB), lambda one: not one.used)
-        gone = counted(tracked(pool.ahead(used, AHEAD)), -TRACKED_MB)
+        gone = counted(tracked(used), -TRACKED_MB)
         order = [one.index for one in memory.released(gone, lambda one: True)]
     return order, under_way["most"]
 
@@ -70,9 +69,8 @@ def flow(items, memory, workers, queue, window):
 def test_images_under_way_stay_within_the_limit_and_all_come(
     statuses, workers, queue, window, more
 ):
-    needed = window + (AHEAD + 1) * (workers >= AHEAD_FROM)
-    limit = TRACKED_MB * needed + ONE_MB * (1 + more) + 1e-6
-    memory = ImageMemory(limit, needed)
+    limit = TRACKED_MB * window + ONE_MB * (1 + more) + 1e-6
+    memory = ImageMemory(limit, window)
     order, most = flow(frames(statuses), memory, workers, queue, window)
     assert order == list(range(len(statuses)))
     assert most <= limit

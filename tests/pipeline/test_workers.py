@@ -1,12 +1,20 @@
 """Workers: order, bounds, clean ends."""
 
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
 import threading
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
+import numpy as np
 import pytest
 
-from wayside.pipeline import workers
+from wayside.pipeline import forked_workers, workers
+from wayside.pipeline.forked_workers import ForkedWorkers
 from wayside.pipeline.workers import StageClock, Workers
 from wayside.schemas.errors import StageError
 
@@ -32,12 +40,26 @@ def own_threads():
     return [t for t in threading.enumerate() if t.name.startswith("wayside-")]
 
 
+def threads(count):
+    return Workers(count)
+
+
+def forks(count):
+    return ForkedWorkers(count, StageClock())
+
+
+needs_forks = pytest.mark.skipif(not forked_workers.can_fork(), reason="no forks here")
+KINDS = [threads, pytest.param(forks, marks=needs_forks)]
+
+
 @pytest.mark.parametrize("workers", [1, 2, 3, 5])
-def test_results_come_in_the_order_of_the_items_whatever_the_number_of_workers(workers):
-    with Workers(workers) as pool:
-        results = list(pool.ahead(pool.ordered(uneven, iter(range(50)), queue=2), 2))
+@pytest.mark.parametrize("kind", KINDS)
+def test_results_come_in_the_order_of_the_items_whatever_the_number_of_workers(kind, workers):
+    with kind(workers) as pool:
+        results = list(pool.ordered(uneven, iter(range(50)), queue=2))
     assert results == [n * n for n in range(50)]
     assert not own_threads()
+    assert not multiprocessing.active_children()
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -58,22 +80,6 @@ def test_a_map_keeps_the_order_and_does_not_wait_for_busy_workers(workers):
         taken.join()
         with pytest.raises(ZeroDivisionError):
             list(pool.map(lambda n: 1 // n, (2, 1, 0, 1)))
-
-
-def test_what_is_made_ahead_is_made_while_the_item_before_is_used():
-    made = [threading.Event() for _ in range(9)]
-
-    def source():
-        for n, event in enumerate(made):
-            event.set()
-            yield n
-
-    with Workers(workers.AHEAD_FROM) as pool:
-        items = pool.ahead(source(), 2)
-        assert next(items) == 0
-        assert made[2].wait(10)
-        assert not made[3].wait(0.05)
-        assert list(items) == list(range(1, 9))
 
 
 def test_a_slow_consumer_makes_the_reader_wait():
@@ -101,7 +107,8 @@ def test_a_slow_consumer_makes_the_reader_wait():
     ],
     ids=["raises", "exits", "returns"],
 )
-def test_a_worker_that_ends_is_a_fault_after_the_results_before_it(end, kind, words):
+@pytest.mark.parametrize("workers", KINDS)
+def test_a_worker_that_ends_is_a_fault_after_the_results_before_it(workers, end, kind, words):
     def ends_at_seven(items):
         for item in items:
             if item == 7 and end is not None:
@@ -111,10 +118,74 @@ def test_a_worker_that_ends_is_a_fault_after_the_results_before_it(end, kind, wo
             yield item
 
     found = []
-    with pytest.raises(kind, match=words), Workers(2) as pool:
-        found.extend(pool.ahead(pool.ordered(ends_at_seven, iter(range(50)), queue=2), 2))
+    with pytest.raises(kind, match=words), workers(2) as pool:
+        found.extend(pool.ordered(ends_at_seven, iter(range(50)), queue=2))
     assert found == list(range(7))
     assert not own_threads()
+
+
+def images(items):
+    """Two large arrays and a small one of each item, and where they were made."""
+    for item in items:
+        large = np.full((400, 600, 3), item.index % 256, np.uint8)
+        yield large, large[..., 0] + 1, np.arange(item.index), memoryview(b"data"), os.getpid()
+
+
+@needs_forks
+def test_large_arrays_come_back_from_processes_and_their_memory_is_used_again(monkeypatch):
+    monkeypatch.setattr(forked_workers, "ROOMS", (4, 3))
+    items, pool, held = map(Numbered, range(40)), forks(3), []
+    with pool:
+        for index, (*arrays, view, process) in enumerate(pool.ordered(images, items, queue=2)):
+            held.append(process)
+            wanted = next(images(iter([Numbered(index)])))
+            for array, same in zip(arrays, wanted, strict=False):
+                np.testing.assert_array_equal(array, same)
+            assert bytes(view) == b"data"
+            if index < 12:  # more than there is room for
+                held.append(arrays)
+    assert len({one for one in held if isinstance(one, int)}) == 3
+    del held, arrays, array
+    assert [sorted(free) for free in pool._rooms._free] == [[0, 1, 2, 3], [4, 5, 6]]
+
+
+@needs_forks
+def test_a_process_that_dies_is_a_fault_that_names_the_frame():
+    parent = os.getpid()
+
+    def dies(items):
+        for item in items:
+            if os.getpid() != parent:
+                os.kill(os.getpid(), signal.SIGKILL)
+            yield item
+
+    words = "stage workers failed at frame 1: RuntimeError: a worker process has ended"
+    with pytest.raises(StageError, match=words), forks(2) as pool:
+        list(pool.ordered(dies, map(Numbered, range(9)), queue=1))
+    assert not multiprocessing.active_children()
+
+
+@needs_forks
+def test_processes_end_with_the_one_that_is_killed():
+    program = """
+import os, signal
+from test_workers import Numbered, forks, images
+pool = forks(3)
+results = pool.ordered(images, map(Numbered, range(9)), queue=1)
+next(results), next(results)
+print(*(process.pid for process, _ in pool._processes), flush=True)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    path = os.environ | {"PYTHONPATH": str(Path(__file__).parent)}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=path, capture_output=True, text=True, timeout=60
+    )
+    late = time.monotonic() + 10
+    for number in map(int, done.stdout.split()):
+        while Path(f"/proc/{number}/stat").exists() and time.monotonic() < late:
+            time.sleep(0.01)
+    assert done.stdout
+    assert time.monotonic() < late
 
 
 def test_a_fault_names_the_stage_and_the_frame_if_it_was_at_one():
@@ -147,6 +218,20 @@ def test_the_clock_counts_work_apart_in_whichever_thread_it_is_done(monkeypatch)
 
     list(clock.timed("shares", shares(map(Numbered, range(3)))))
     assert clock.seconds() == pytest.approx({"measure": 6.0, "shares": 0.0})
+
+
+@needs_forks
+def test_the_clock_counts_what_processes_do():
+    pool = forks(2)
+
+    def busy(items):
+        for item in items:
+            pool._clock.add("found", 1.0)
+            yield item
+
+    with pool:
+        list(pool.ordered(busy, map(Numbered, range(9)), queue=1))
+    assert pool._clock.seconds()["found"] == 9
 
 
 def test_the_clock_counts_each_stage_alone_and_what_is_done_between_two_apart(monkeypatch):
