@@ -19,6 +19,7 @@ import time
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
@@ -37,7 +38,7 @@ SPACING = "26.4ft"
 PAUSE_NS = 300_000_000  # between two turns
 PEERS = {"yolo": 12, "plain": 2, "pycolmap": 24}
 """Other programs, and on how many images they run."""
-SIDE_BY_SIDE = "decode propose detect features segment color shape sift measure".split()
+SIDE_BY_SIDE = "decode propose detect features segment color shape sift".split()
 """Stages in the workers; whatever else a run counts is in order, in one thread."""
 FIRST_IMAGE = """
 import sys
@@ -55,7 +56,7 @@ next(flow.detect(read_frames(Path(sys.argv[1]), settings.read, ReadReport())))
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Of one process: images, processor and wall seconds, peak memory in MB, milliseconds of a decode meanwhile."""
+    """Of one program: images, processor and wall seconds, peak memory in MB, milliseconds of a decode meanwhile."""
 
     images: int
     processor: float
@@ -226,13 +227,35 @@ class Bench:
             stderr=subprocess.DEVNULL,
             env=os.environ | {"OMP_NUM_THREADS": "1"} | (variables or {}),
         )
-        _, status, used = os.wait4(child.pid, 0)
+        peak, turn = 0.0, 0
+        while not (ended := os.wait4(child.pid, os.WNOHANG))[0]:
+            time.sleep(0.01)
+            turn += 1
+            if turn % 30 == 0:
+                peak = max(peak, sum(map(memory_mb, processes(child.pid))))
+        _, status, used = ended
         wall = time.perf_counter() - start
         if status != 0 and images != PEERS["pycolmap"]:  # which says so where no model comes about
             raise SystemExit(f"{command}: ended with status {status}")
         processor = used.ru_utime + used.ru_stime
         decode = (before + self._decoder.ms()) / 2
-        return Cost(images, processor, wall, used.ru_maxrss / 1024, decode)
+        return Cost(images, processor, wall, peak, decode)
+
+
+def processes(number: int) -> list[int]:
+    """A process and those that it has started, by their numbers."""
+    with suppress(OSError):
+        started = Path(f"/proc/{number}/task/{number}/children").read_text().split()
+        return [number, *(other for one in started for other in processes(int(one)))]
+    return [number]
+
+
+def memory_mb(number: int) -> float:
+    """Memory of a process, that which it shares divided by the number of processes that do."""
+    with suppress(OSError):
+        lines = Path(f"/proc/{number}/smaps_rollup").read_text().splitlines()
+        return sum(int(line.split()[1]) for line in lines if line.startswith("Pss:")) / 1024
+    return 0.0
 
 
 def play(source: Path, target: Path, times: int) -> None:

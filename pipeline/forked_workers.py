@@ -114,7 +114,7 @@ class ForkedWorkers(Workers):
         pipe: Connection,
         unused: list[Connection],
     ) -> None:
-        """Answer with results until the pipe is closed; with None for a fault, which is then raised where it was asked."""
+        """Answer with results until the pipe is closed; with None for a fault, which the one who asks meets again."""
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         for one in unused:
