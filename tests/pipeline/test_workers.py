@@ -132,8 +132,16 @@ def images(items):
 
 
 @needs_forks
-def test_large_arrays_come_back_from_processes_and_their_memory_is_used_again(monkeypatch):
+@pytest.mark.parametrize(
+    ("room_bytes", "rooms"),
+    [(1 << 26, [[0, 1, 2, 3], [4, 5, 6]]), (1 << 50, [])],
+    ids=["shared", "refused by the system"],
+)
+def test_large_arrays_come_back_from_processes_and_their_memory_is_used_again(
+    monkeypatch, room_bytes, rooms
+):
     monkeypatch.setattr(forked_workers, "ROOMS", (4, 3))
+    monkeypatch.setattr(forked_workers, "ROOM_BYTES", room_bytes)
     items, pool, held = map(Numbered, range(40)), forks(3), []
     with pool:
         for index, (*arrays, view, process) in enumerate(pool.ordered(images, items, queue=2)):
@@ -146,7 +154,7 @@ def test_large_arrays_come_back_from_processes_and_their_memory_is_used_again(mo
                 held.append(arrays)
     assert len({one for one in held if isinstance(one, int)}) == 3
     del held, arrays, array
-    assert [sorted(free) for free in pool._rooms._free] == [[0, 1, 2, 3], [4, 5, 6]]
+    assert [sorted(free) for free in pool._rooms._free] == rooms
 
 
 @needs_forks
