@@ -149,7 +149,7 @@ def evaluate_drive(drive: BenchmarkDrive, preset: str) -> Outcome:
     except WaysideError as error:
         print(f"{title} {error}", flush=True)
         return Outcome(drive, None)
-    print(f"{title} {in_short(evaluation)}  {speed(out):6.2f} frames/s", flush=True)
+    print(title, in_short(evaluation), flush=True)
     return Outcome(drive, evaluation, unlabelled, counts)
 
 
@@ -170,12 +170,6 @@ def in_short(evaluation: Evaluation) -> str:
         f"recall {evaluation.recall:.3f} ({evaluation.found_count}/{evaluation.wanted})  "
         f"precision {evaluation.precision:.3f} ({len(evaluation.false)} false, {among} {twice} duplicates)"
     )
-
-
-def speed(out: Path) -> float:
-    """Images per second of wall time, reading and writing included."""
-    run = json.loads((out / "run.json").read_text())
-    return float(run["accounting"]["frames_read"]) / max(1e-9, float(run["times"]["wall_s"]))
 
 
 def below_floor(outcomes: dict[str, list[Outcome]]) -> Iterable[str]:

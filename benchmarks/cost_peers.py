@@ -1,13 +1,12 @@
 """Alternatives to wayside on the images of a log, one thread; in a process of its own, to measure its cost.
 
-    python benchmarks/cost_peers.py LOG yolo|plain --frames 12
+    python benchmarks/cost_peers.py LOG yolo|plain FRAMES
 
 yolo: YOLO11 of the nano size by ultralytics at the input width of the images, with its tracker. Its weights are not
 trained, which costs the same. plain: the method of KS-09-9 in the calls that OpenCV has for it, without tracking.
 """
 
 import sys
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -25,16 +24,11 @@ SIZES = 50, 20_000
 """Areas of segments that pass the size gate, px."""
 
 
-def main() -> int:
+def main() -> None:
     """Process the first images."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("log", type=Path)
-    parser.add_argument("way", choices=WAYS)
-    parser.add_argument("--frames", type=int, default=12)
-    args = parser.parse_args()
+    log, way, count = sys.argv[1:]
     cv2.setNumThreads(1)
-    WAYS[args.way](images(args.log, args.frames))
-    return 0
+    WAYS[way](images(Path(log), int(count)))
 
 
 def images(log: Path, count: int) -> Iterator[NDArray[np.uint8]]:
@@ -92,4 +86,4 @@ def segments(labels: NDArray[np.int32], picture: NDArray[np.uint8]) -> list[NDAr
 WAYS: dict[str, Callable[[Iterator[NDArray[np.uint8]]], None]] = {"yolo": yolo, "plain": plain}
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -19,10 +19,10 @@ import time
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import cv2
 import numpy as np
@@ -33,7 +33,6 @@ from wayside.pipeline.reading.frames import ReadReport, read_frames
 from wayside.pipeline.running.tuning import tune_process
 from wayside.schemas.settings import ReadSettings
 
-TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
 SPACING = "26.4ft"
 PAUSE_NS = 300_000_000  # between two turns
 PEERS = {"yolo": 12, "plain": 2, "pycolmap": 24}
@@ -109,7 +108,8 @@ def main() -> int:
         print_table(["workers", "images/s"], bench.rates("default, 2 workers"))
         print()
         print_table(["start", "wall s", "processor s"], bench.starts())
-        same = bench.digest("default, 1 worker") == bench.digest("default, 2 workers")
+        files = [bench.about(f"default, {k}")["files"] for k in ("1 worker", "2 workers")]
+    same = files[0] == files[1]
     print(f"\nThe same bytes from 1 and 2 workers: {'yes' if same else 'NO'}.")
     return 0 if same else 1
 
@@ -192,11 +192,6 @@ class Bench:
             rows.append([name, *(f"{one:.2f}" for one in spent)])
         return rows
 
-    def digest(self, way: str) -> list[str]:
-        """Of the tables that the last run of a way wrote."""
-        files = json.loads((self._scratch / way / "run.json").read_text())["files"]
-        return [files[name]["sha256"] for name in TABLES]
-
     def _run(self, name: str, log: Path, times: int, *more: str) -> Cost:
         return self._child([*self._command(name, log), *more], self._count * times)
 
@@ -204,16 +199,20 @@ class Bench:
         run = [WAYSIDE, "run", log, "-o", self._scratch / name, "--overwrite"]
         return [*run, "--spacing", SPACING, "--set", "read.thin_m=0"]
 
+    def about(self, way: str) -> Any:
+        """What `run.json` says of the last run of a way."""
+        return json.loads((self._scratch / way / "run.json").read_text())
+
     def _spent(self, way: str) -> dict[str, float]:
         """Milliseconds an image of each stage, in the last run of a way."""
-        about = json.loads((self._scratch / way / "run.json").read_text())
+        about = self.about(way)
         spent, images = about["times"]["cpu_s_by_stage"], about["accounting"]["frames_read"]
         return {name: 1000 * seconds / images for name, seconds in spent.items()}
 
     def _peer(self, python: Path, name: str) -> Cost:
         program = "peer.py" if name == "pycolmap" else "cost_peers.py"
         words = [self._scratch / "peer.npz"] if name == "pycolmap" else [name]
-        command = [python, BENCHMARKS / program, self._short, *words, "--frames", PEERS[name]]
+        command = [python, BENCHMARKS / program, self._short, *words, PEERS[name]]
         return self._child(command, PEERS[name])
 
     def _child(
@@ -232,7 +231,7 @@ class Bench:
             time.sleep(0.01)
             turn += 1
             if turn % 30 == 0:
-                peak = max(peak, sum(map(memory_mb, processes(child.pid))))
+                peak = max(peak, memory_mb(child.pid))
         _, status, used = ended
         wall = time.perf_counter() - start
         if status != 0 and images != PEERS["pycolmap"]:  # which says so where no model comes about
@@ -242,20 +241,16 @@ class Bench:
         return Cost(images, processor, wall, peak, decode)
 
 
-def processes(number: int) -> list[int]:
-    """A process and those that it has started, by their numbers."""
-    with suppress(OSError):
-        started = Path(f"/proc/{number}/task/{number}/children").read_text().split()
-        return [number, *(other for one in started for other in processes(int(one)))]
-    return [number]
-
-
-def memory_mb(number: int) -> float:
-    """Memory of a process, that which it shares divided by the number of processes that do."""
-    with suppress(OSError):
-        lines = Path(f"/proc/{number}/smaps_rollup").read_text().splitlines()
-        return sum(int(line.split()[1]) for line in lines if line.startswith("Pss:")) / 1024
-    return 0.0
+def memory_mb(number: object) -> float:
+    """Memory of a process and of those that it has started; what several share is divided among them."""
+    own = Path(f"/proc/{number}")
+    try:
+        lines = (own / "smaps_rollup").read_text().splitlines()
+        started = (own / f"task/{number}/children").read_text().split()
+    except OSError:
+        return 0.0
+    own_kb = sum(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
+    return own_kb / 1024 + sum(map(memory_mb, started))
 
 
 def play(source: Path, target: Path, times: int) -> None:

@@ -1,6 +1,6 @@
 """Structure from motion of the same images by pycolmap, on one thread; in its own process, to measure its cost.
 
-    .venv/bin/python benchmarks/peer.py LOG OUT.npz --frames 24
+    .venv/bin/python benchmarks/peer.py LOG OUT.npz FRAMES
 
 Calibration known and held; options loosened for a camera that drives ahead, without which no model comes about.
 Needs the extra `benchmark`: .venv/bin/pip install pycolmap.
@@ -8,7 +8,6 @@ Needs the extra `benchmark`: .venv/bin/pip install pycolmap.
 
 import sys
 import tempfile
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 import numpy as np
@@ -23,17 +22,13 @@ SEED = 1
 
 def main() -> int:
     """Read images, reconstruct, write poses and points."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("log", type=Path)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--frames", type=int, default=24)
-    args = parser.parse_args()
+    log, out, count = sys.argv[1:]
     with tempfile.TemporaryDirectory() as scratch:
-        model = reconstruct(args.log, Path(scratch), args.frames)
+        model = reconstruct(Path(log), Path(scratch), int(count))
     if model is None:
         print("no model")
         return 1
-    write(model, args.out)
+    write(model, Path(out))
     return 0
 
 
