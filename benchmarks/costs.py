@@ -109,9 +109,8 @@ def main() -> int:
         print()
         print_table(["start", "wall s", "processor s"], bench.starts())
         files = [bench.about(f"default, {k}")["files"] for k in ("1 worker", "2 workers")]
-    same = files[0] == files[1]
-    print(f"\nThe same bytes from 1 and 2 workers: {'yes' if same else 'NO'}.")
-    return 0 if same else 1
+    print(f"\nThe same bytes from 1 and 2 workers: {'yes' if files[0] == files[1] else 'NO'}.")
+    return int(files[0] != files[1])
 
 
 class Bench:

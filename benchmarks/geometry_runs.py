@@ -111,9 +111,9 @@ def peer_rows(runs: list[Run], count: int) -> Iterator[list[str]]:
         yield [one.name, "wayside", *motion, *signs, cost]
         out = FOLDER / f"{one.name}-peer.npz"
         out.unlink(missing_ok=True)
-        command = [sys.executable, "benchmarks/peer.py", str(DRIVES / f"{one.name}.mcap"), str(out)]
-        before = processor_seconds()
-        subprocess.run([*command, "--frames", str(count)], check=True, cwd=ROOT)
+        log, before = DRIVES / f"{one.name}.mcap", processor_seconds()
+        program = [sys.executable, "benchmarks/peer.py", log, out, str(count)]
+        subprocess.run(program, check=True, cwd=ROOT)
         cost = f"{(processor_seconds() - before) / count:.2f}"
         with np.load(out) as model:
             poses, scale = scaled_poses(model, one.true_poses)
