@@ -49,6 +49,9 @@ def command(monkeypatch, capsys):
             patch.setattr(
                 application, "interrupt_on_signals", lambda: None
             )  # they stay as they are
+            # other tests of this process need pandas
+            patch.setattr(sys, "meta_path", [*sys.meta_path])
+            patch.setattr(application.WithoutPandas, "find_spec", lambda *_: None)
             with pytest.raises(SystemExit) as end:
                 application.main()
         assert isinstance(end.value.code, int)

@@ -65,6 +65,17 @@ def test_a_shell_completes_commands():
     assert sorted(done.stdout.split()) == ["evaluate", "evidence"]
 
 
+def test_arrays_of_arrow_load_no_pandas():
+    code = (
+        "import sys; from wayside.pipeline.cli import main\n"
+        "try: main()\n"
+        "finally: import pyarrow; pyarrow.array([1]); print(*sys.modules)"
+    )
+    loaded = python(code, "--version").stdout.split()
+    assert "pyarrow" in loaded
+    assert "pandas" not in loaded
+
+
 def test_without_rerun_everything_but_the_viewer_is_there(tmp_path):
     code = (
         "import sys; sys.modules['rerun'] = None\n"
