@@ -66,13 +66,13 @@ def format_fit(outcomes: Sequence[Outcome], drives: Sequence[LabelledDrive], out
     """The report that the command prints."""
     lines = [
         f"{drive.name}: {counted(len(drive.stretch), 'labelled image')}, {drive.boxes_of_signs}, "
-        f"{len(drive.labels.complete)} images complete"
+        f"{len(drive.faces.complete)} images complete"
         for drive in drives
     ]
     stretches = _stretches(drives)
     held = f"{len(drives)} drives" if _by_drive(drives) else f"{stretches} stretches of road"
     lines.append(f"held out in turn: {held}; brackets: 95 % intervals over {stretches} stretches")
-    if not any(drive.labels.complete for drive in drives):
+    if not any(drive.faces.complete for drive in drives):
         lines.append(_CHOSEN)
     for one in outcomes:
         lines += ["", *outcome_lines(one)]

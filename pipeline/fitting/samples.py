@@ -21,7 +21,7 @@ from wayside.pipeline.reading.image_order import image_files, natural_key
 from wayside.schemas.detections import COLORS
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import USED, Frame, Image
-from wayside.schemas.labels import SIGN, LabelledImage, Labels
+from wayside.schemas.labels import SIGN, Labels
 from wayside.schemas.models import GaussianModel
 from wayside.schemas.settings import ReadSettings, Settings
 from wayside.stages.classifiers import nearest_class
@@ -38,13 +38,12 @@ STRETCHES = 10
 class LabelledDrive:
     """A log, or a folder of images in their natural order, with labels.
 
-    `labels`: by frame. `faces`: the same as boxes, their numbers of signs those of no other drive. `stretch`: number of
-    the stretch of each labelled frame. `fold`: that of all its stretches where whole drives are held out, else None.
+    `faces`: what is labelled, with numbers of signs that no other drive has. `stretch`: number of the stretch of each
+    labelled frame. `fold`: that of all its stretches where whole drives are held out, else None.
     """
 
     path: Path
     is_log: bool
-    labels: FrameLabels
     faces: Faces
     stretch: Mapping[int, int]
     fold: int | None
@@ -83,12 +82,6 @@ class LabelledDrive:
             found[sign == one] = np.bincount([self.stretch[frame] for frame in own]).argmax()
         return found
 
-    def own_labels(self) -> Labels:
-        """The labels of this log alone."""
-        every = tuple(label for own in self.labels.labels.values() for label in own)
-        complete = sorted(self.labels.complete)
-        return Labels(every, tuple(LabelledImage(self.name, frame) for frame in complete))
-
 
 def labelled_drives(
     labels: Sequence[Labels], images: Sequence[Path], settings: ReadSettings, *, complete: bool
@@ -117,7 +110,7 @@ def labelled_drives(
         faces = labelled_faces(own)
         faces = replace(faces, sign=faces.sign + first_sign)
         fold = number if len(found) > 1 else None
-        drives.append(LabelledDrive(path, is_log, own, faces, stretch, fold))
+        drives.append(LabelledDrive(path, is_log, faces, stretch, fold))
         first_stretch += parts
         first_sign += len(faces.sign)
     return drives
@@ -247,7 +240,7 @@ def run_drives(
             "folders of images have no landmarks, which are seen in several images in order. Make a log of them with "
             "`wayside import`."
         )
-    return [(one, gather_samples(one.path, one.own_labels(), settings, models)) for one in logs]
+    return [(one, gather_samples(one.path, one.faces, settings, models)) for one in logs]
 
 
 def landmark_samples(

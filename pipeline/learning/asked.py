@@ -14,7 +14,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.labels.read import FrameLabels, LogImages, labels_by_frame
+from wayside.pipeline.labels.read import LogImages, labels_by_frame
 from wayside.pipeline.learning.labelled import NEITHER, ON, Faces, labelled_faces
 from wayside.pipeline.models.model_files import TRAJECTORY_FILES, Models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -101,8 +101,8 @@ def join_drives(drives: Iterable[Mapping[str, ClassifierSamples]]) -> dict[str, 
     return {name: ClassifierSamples.joined(own) for name, own in parts.items()}
 
 
-def labels_of_log(log: Path, labels: Labels, settings: ReadSettings) -> FrameLabels:
-    """The labels of the images of a log, by frame; raises InputError where none of the labels is of it."""
+def faces_of_log(log: Path, labels: Labels, settings: ReadSettings) -> Faces:
+    """The labelled faces in the images of a log; raises InputError where none of the labels is of it."""
     known = LogImages.of(log, settings)
     found = labels_by_frame(labels, log.stem, known.times_ns, known.names)
     if not found.labels and not found.complete:
@@ -110,12 +110,12 @@ def labels_of_log(log: Path, labels: Labels, settings: ReadSettings) -> FrameLab
         raise InputError(
             f"{log}: no label belongs to its images ({reasons}). See docs/labels.md for how an image is named."
         )
-    return found
+    return labelled_faces(found)
 
 
 def gather_samples(
     log: Path,
-    labels: Labels,
+    faces: Faces,
     settings: Settings,
     models: Models,
     also: Observer | None = None,
@@ -124,12 +124,11 @@ def gather_samples(
 ) -> dict[str, ClassifierSamples]:
     """What every classifier is asked about when a log is run, by the classifier's name, in the order of the chain.
 
-    `labels`: of its images, and perhaps of those of other logs. `also`: sees every item of the run, too. `undecided`:
-    densities of trajectories, one a form, that are asked about every track but decide nothing in this run; their
-    samples bear the names of their files. `only`: classifiers that are asked, None: all; the size gate takes half the
-    time. Raises InputError where the log cannot be used or has none of the labels, StageError where a stage fails.
+    `faces`: those of its images. `also`: sees every item of the run, too. `undecided`: densities of trajectories, one a
+    form, that are asked about every track but decide nothing in this run; their samples bear the names of their files.
+    `only`: classifiers that are asked, None: all; the size gate takes half the time. Raises InputError where the log
+    cannot be used, StageError where a stage fails.
     """
-    faces = labelled_faces(labels_of_log(log, labels, settings.read))
     densities = {TRAJECTORIES[density.space]: density for density in undecided}
     if models.trajectory_density is not None:
         densities["trajectory"] = models.trajectory_density

@@ -34,6 +34,7 @@ from wayside.pipeline.models.model_folder import ModelFolder
 from wayside.pipeline.models.model_json import model_to_json
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import GaussianClass, GaussianModel, MixtureModel
+from wayside.schemas.settings import ReadSettings
 from wayside.stages.classifiers import log_ratios
 from wayside.stages.report import DESCRIPTORS
 
@@ -159,17 +160,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     given.out.mkdir(parents=True, exist_ok=True)
     densities = trajectory_densities(ModelFolder(given.out))
+    every = ReadSettings(spacing_m=ANY_SPACING_M)
     truths = [(log, read_labels(log.with_suffix(".truth.json"))) for log in given.logs]
+    faces = [(log, asked.faces_of_log(log, truth, every)) for log, truth in truths]
     for preset, wanted in PASSES:
-        own = str(given.out) if (given.out / OWN["color"]).is_file() else ""
-        options = {"models.folder": own, "read.spacing_m": ANY_SPACING_M}
+        folder = str(given.out) if (given.out / OWN["color"]).is_file() else ""
+        options = {"models.folder": folder, "read.spacing_m": ANY_SPACING_M}
         settings, _ = load_settings(preset, None, [], options)
         models = load_models(settings)
         if models.color_classes is not None and "color" in wanted:  # nothing behind it is asked
             models = replace(models, color_classes=replace(models.color_classes, threshold=np.inf))
         drives = [
-            asked.gather_samples(log, truth, settings, models, undecided=densities, only=wanted)
-            for log, truth in truths
+            asked.gather_samples(log, own, settings, models, undecided=densities, only=wanted)
+            for log, own in faces
         ]
         for name, model in learn_gates(asked.join_drives(drives), models, densities).items():
             write_file(given.out / name, model_to_json(model).encode(), overwrite=True)

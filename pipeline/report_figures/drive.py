@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from wayside.pipeline.files.pictures import webp_address
 from wayside.pipeline.files.settings_file import load_settings
-from wayside.pipeline.labels.read import FrameLabels, read_labels
-from wayside.pipeline.learning.asked import ClassifierSamples, gather_samples, labels_of_log
-from wayside.pipeline.learning.labelled import ON, Faces, labelled_faces
+from wayside.pipeline.labels.read import read_labels
+from wayside.pipeline.learning.asked import ClassifierSamples, faces_of_log, gather_samples
+from wayside.pipeline.learning.labelled import ON, Faces
 from wayside.pipeline.learning.page import Figure, Picture
 from wayside.pipeline.models.model_files import Models, load_models
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -86,7 +86,6 @@ class Drive:
     log: Path
     settings: Settings
     models: Models
-    labels: FrameLabels
     faces: Faces
     shapes: GaussianModel
     density: MixtureModel
@@ -211,11 +210,9 @@ def gather_drive(
     shapes, density = chain(SHAPE_PRESET)[1].shape_classes, chain(TRAJECTORY_PRESET)[1]
     if shapes is None or density.trajectory_density is None:
         raise InputError(f"models: {SHAPE_PRESET} and {TRAJECTORY_PRESET} must both be loaded")
-    labels = read_labels(labels_file)
-    found = labels_of_log(log, labels, settings.read)
-    faces, motion = labelled_faces(found), density.trajectory_density
-    drive = Drive(log, settings, models, found, faces, shapes, motion)
-    drive.samples = gather_samples(log, labels, settings, models, also=drive)
+    faces = faces_of_log(log, read_labels(labels_file), settings.read)
+    drive = Drive(log, settings, models, faces, shapes, density.trajectory_density)
+    drive.samples = gather_samples(log, faces, settings, models, also=drive)
     drive.outlines.sort(key=lambda one: (one.frame, one.face, one.box.tolist()))
     return drive
 

@@ -285,7 +285,7 @@ def _claim(drive: Drive, judged: dict[int, int]) -> Figure:
     rows = np.flatnonzero(faces.example & np.isin(faces.sign, wanted))
     pairs = [(row, view) for row in rows for view in reported if view.frame == faces.frame[row]]
     found = len({faces.sign[row] for row, v in pairs if same_thing(v.box, faces.box[row])})
-    images = len(drive.labels.complete & drive.frames.keys())  # elsewhere none is known to be false
+    images = len(drive.faces.complete & drive.frames.keys())  # elsewhere none is known to be false
     false = sum(kind == OFF for kind in judged.values())
     return figure("11 (claim)").shown(
         f"labelled signs of {FEWEST_FRAMES} images or more that are found: {share_words(found, len(wanted))}; "

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 
 from wayside.pipeline.files.output_folder import OutputFolder
 from wayside.pipeline.files.parquet import ParquetFile, record_batch
@@ -16,9 +15,15 @@ from wayside.pipeline.files.writing import create, not_written, refuse
 from wayside.pipeline.labels.read import joined, read_labels
 from wayside.pipeline.learning import page
 from wayside.pipeline.learning.asked import CLASSIFIERS as EVERY_CLASSIFIER
-from wayside.pipeline.learning.asked import ClassifierSamples, gather_samples, join_drives
+from wayside.pipeline.learning.asked import (
+    ClassifierSamples,
+    faces_of_log,
+    gather_samples,
+    join_drives,
+)
 from wayside.pipeline.learning.curves import ALL, RocCurve, roc_curves
 from wayside.pipeline.models.model_files import Models
+from wayside.pipeline.results.result import holds_table
 
 # before rerun itself: it says what to install where that is absent
 from wayside.pipeline.view.entities import APPLICATION
@@ -55,7 +60,8 @@ def measure_roc(
     every = joined([read_labels(path) for path in labels])
     drives = []
     for log in logs:
-        drives.append(gather_samples(log, every, settings, models))
+        faces = faces_of_log(log, every, settings.read)
+        drives.append(gather_samples(log, faces, settings, models))
         counted = ", ".join(f"{name} {int(s.count.sum())}" for name, s in drives[-1].items())
         notify(f"{log.name}: asked {counted}")
     samples = join_drives(drives)
@@ -253,10 +259,6 @@ def record_curves(path: Path, drawn: Mapping[str, Sequence[RocCurve]], words: st
 
 def _check_free(folder: Path) -> None:
     """Make sure that what is replaced is an earlier measurement."""
-    names = (CURVES.file, CLASSIFIERS.file, CONFUSION.file, RECORDING_FILE)
-    try:
-        own = pq.read_schema(folder / CURVES.file).equals(CURVES.schema, check_metadata=True)
-    except (OSError, ValueError):
-        own = False
-    for present in (folder / name for name in names if (folder / name).exists() and not own):
-        raise refuse(present, "a file that is not an earlier measurement")
+    for name in (CURVES.file, CLASSIFIERS.file, CONFUSION.file, RECORDING_FILE):
+        if (folder / name).exists() and not holds_table(folder / CURVES.file, CURVES):
+            raise refuse(folder / name, "a file that is not an earlier measurement")

@@ -23,9 +23,9 @@ def drive(*, is_log=True, fold=None):
         ]
         for frame in range(13)
     }
-    found = FrameLabels(labels, frozenset(range(20)), {})
+    faces = labelled_faces(FrameLabels(labels, frozenset(range(20)), {}))
     stretch = {frame: frame // 10 for frame in range(20)}
-    return LabelledDrive(Path("road.mcap"), is_log, found, labelled_faces(found), stretch, fold)
+    return LabelledDrive(Path("road.mcap"), is_log, faces, stretch, fold)
 
 
 def samples(*rows, **how):

@@ -9,7 +9,7 @@ import pytest
 
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.labels.read import read_labels
-from wayside.pipeline.learning.asked import TRAJECTORIES, gather_samples
+from wayside.pipeline.learning.asked import TRAJECTORIES, faces_of_log, gather_samples
 from wayside.pipeline.learning.curves import roc_curves
 from wayside.pipeline.learning.gates import learn_gates, trajectory_densities
 from wayside.pipeline.learning.labelled import NEITHER, OFF, ON
@@ -150,23 +150,23 @@ def test_another_s_files_are_not_replaced(tmp_path, models):
     assert (tmp_path / "roc.parquet").read_text() == "mine"
 
 
-def test_labels_of_another_log_are_refused_with_what_to_do(models):
+def test_labels_of_another_log_are_refused_with_what_to_do():
     other = Labels((), (LabelledImage(log="other", frame=0),))
     with pytest.raises(InputError, match="no label belongs to its images"):
-        gather_samples(DEMO, other, REPORT, models)
+        faces_of_log(DEMO, other, REPORT.read)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("preset", ["report-2d", "report", "default"])
 def test_a_drive_is_asked_about_by_every_classifier_of_the_preset(preset):
     settings = load_settings(preset, None, ["read.until_s=3"])[0]
-    labels = read_labels(DEMO.with_suffix(".truth.json"))
+    faces = faces_of_log(DEMO, read_labels(DEMO.with_suffix(".truth.json")), settings.read)
     used = load_models(settings)
     if preset == "report":
         # the same stage refuses sizes, but places first
         used = replace(used, location_classes=replace(used.location_classes, threshold=np.inf))
     densities = trajectory_densities(ModelFolder()) if preset == "report" else ()
-    found = gather_samples(DEMO, labels, settings, used, undecided=densities)
+    found = gather_samples(DEMO, faces, settings, used, undecided=densities)
     wanted = {
         "report-2d": {"size", "color", "trajectory"},
         "report": {"size", "color", "location", *TRAJECTORIES.values()},
