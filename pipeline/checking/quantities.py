@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import pyarrow as pa
@@ -38,14 +39,11 @@ def _known(value: float | None, sigma: float | None, what: str, scale: float = 1
     return Measured(scale * value, scale * sigma)
 
 
-def _extent(axis: str) -> Callable[[Row, Sequence[Row]], Measured]:
-    def extent(row: Row, rows: Sequence[Row]) -> Measured:
-        """Width or height as the tables of sizes have it: of a diamond the side of its square."""
-        scale = math.sqrt(0.5) if row["shape"] == "diamond" else 1.0
-        name = f"panel_{axis}_m"
-        return _known(row[name], row[f"sigma_{axis}_m"], name, scale)
-
-    return extent
+def _extent(axis: str, row: Row, rows: Sequence[Row]) -> Measured:
+    """Width or height as the tables of sizes have it: of a diamond the side of its square."""
+    scale = math.sqrt(0.5) if row["shape"] == "diamond" else 1.0
+    name = f"panel_{axis}_m"
+    return _known(row[name], row[f"sigma_{axis}_m"], name, scale)
 
 
 def _offset(row: Row, rows: Sequence[Row]) -> Measured:
@@ -87,8 +85,8 @@ def _type_of(row: Row) -> tuple[str | None, ...]:
 
 
 DERIVED: dict[str, Callable[[Row, Sequence[Row]], Measured]] = {
-    "width_m": _extent("width"),
-    "height_m": _extent("height"),
+    "width_m": partial(_extent, "width"),
+    "height_m": partial(_extent, "height"),
     "offset_m": _offset,
     "curve_radius_m": _curve_radius,
     "pair_m": _pair,

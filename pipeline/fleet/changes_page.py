@@ -1,7 +1,6 @@
 """A page of the changes between two surveys: the images of both side by side."""
 
 from collections import Counter, defaultdict
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -52,13 +51,12 @@ def write_page(
     every: bool = False,
     units: Units = METRIC,
     overwrite: bool = False,
-    watch: Callable[[int, int], None] = lambda done, total: None,
 ) -> Page:
     """Write `changes.parquet` of an inventory as a page, with images from the logs of its drives.
 
     `names`: of the surveys before and after. `every`: also show unchanged panels, and panels that were out of view
-    without being hidden. `units`: of lengths. `overwrite`: replace any file; else only such a page. `watch`: called
-    with the number of drives done and to do. Raises InputError for a missing or damaged comparison, and OutputError.
+    without being hidden. `units`: of lengths. `overwrite`: replace any file; else only such a page. Raises InputError
+    for a missing or damaged comparison, and OutputError.
     """
     table = inventory / CHANGES.file
     if not table.is_file():
@@ -71,10 +69,18 @@ def write_page(
     ]
     rows.sort(key=_order)
     kinds = [row["change"] for row in rows]
-    images, faults = _images(inventory, rows, watch)
+    images, faults = _images(inventory, rows)
     counts = Counter(row["change"] for row in everything)
     told = [{name: row.get(name) for name in REVIEWED} for row in rows]
+    said = [
+        one | {"review": row["review"], "reviewer": row["reviewer"], "note": row["review_note"]}
+        for one, row in zip(told, rows, strict=True)
+        if row.get("review")
+    ]
     placed = [k for k, row in enumerate(rows) if row["lon_deg"] is not None]
+    figures = [
+        [_figure(row, side, images.get((k, side))) for side in SIDES] for k, row in enumerate(rows)
+    ]
     drawn, about = overview(_places([rows[k] for k in placed]), units) or (None, {})
     page = pages.render_page(
         "changes.html",
@@ -87,32 +93,14 @@ def write_page(
             for k in placed
         ],
         inks=INKS,
-        about={"map": about, "names": names, "rows": told, "reviews": _said(rows)},
+        about={"map": about, "names": names, "rows": told, "reviews": said},
         counts={kind: counts[kind] for kind in _KINDS},
         shown=[kind for kind in _KINDS if kind in kinds],
-        cards=[
-            (
-                row,
-                _heading(row),
-                route_words(row),
-                [_figure(row, side, images.get((k, side))) for side in SIDES],
-            )
-            for k, row in enumerate(rows)
-        ],
+        cards=[*zip(rows, map(_heading, rows), map(route_words, rows), figures, strict=True)],
     )
     pages.write_page(file, page, _MARK, overwrite=overwrite)
     wanted = sum(row[f"drive_{side}"] is not None for row in rows for side in SIDES)
     return Page(len(rows), wanted - len(images), tuple(faults))
-
-
-def _said(rows: list[Row]) -> list[Row]:
-    """What people said of the rows, as the page saves it."""
-    return [
-        {name: row[name] for name in (*REVIEWED, "review", "reviewer")}
-        | {"note": row["review_note"]}
-        for row in rows
-        if row.get("review")
-    ]
 
 
 def _places(rows: list[Row]) -> DriveMap:
@@ -136,9 +124,7 @@ def _order(row: Row) -> tuple[int, float, str, str]:
     return _KINDS.index(row["change"]), -(row["probability"] or 0.0), *names
 
 
-def _images(
-    inventory: Path, rows: list[Row], watch: Callable[[int, int], None]
-) -> tuple[dict[tuple[int, str], str], list[str]]:
+def _images(inventory: Path, rows: list[Row]) -> tuple[dict[tuple[int, str], str], list[str]]:
     """Addresses of WebP images by row and side; faults of the logs that give none, in words."""
     wanted: defaultdict[str, list[tuple[tuple[int, str], int, Box]]] = defaultdict(list)
     for number, row in enumerate(rows):
@@ -148,12 +134,10 @@ def _images(
                 wanted[row[f"drive_{side}"]].append(((number, side), row[f"frame_{side}"], box))
     images: dict[tuple[int, str], str] = {}
     faults: list[str] = []
-    for done, (drive, boxes) in enumerate(sorted(wanted.items())):
-        watch(done, len(wanted))
+    for drive, boxes in sorted(wanted.items()):
         found, fault = crop_addresses(inventory / DRIVES / drive, None, boxes, _SIZE)
         images |= found
         faults += [fault] * bool(fault)
-    watch(len(wanted), len(wanted))
     return images, faults
 
 

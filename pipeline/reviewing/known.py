@@ -35,7 +35,7 @@ class KnownResult:
 
     name: str
     """Its `result_name`."""
-    rows: Mapping[str, Reviewed]
+    rows: dict[str, Reviewed]
     """What the acceptance of each sign says, by `sign_id`."""
     cameras: Mapping[str, Mapping[str, Any]]
     """See `_camera`; by what names an image in every result: its file, or its log time."""
@@ -71,14 +71,13 @@ class KnownResult:
             falls, start = given["decreasing"], (0.0, given["name"] or None, given["milepost"])
             measured = [dict(zip(_MEASURE_COLUMNS, (*start, given["unit"]), strict=True))]
         found = cls(result_name(run), {}, cameras, tuple(measured), -1.0 if falls else 1.0)
-        rows = {one["sign_id"]: found._accepted(one, views[one["sign_id"]]) for one in signs}
-        return cls(found.name, rows, cameras, found.measured, found.sense)
-
-    def _accepted(self, sign: Mapping[str, Any], views: list[Any]) -> Reviewed:
-        look = {"code": sign["mutcd"] or sign["vienna"]} | {name: sign[name] for name in LOOK[1:]}
-        x, y = round(sign["x"], 2), round(sign["y"], 2)
-        about = {"result": self.name, "look": look, "x": x, "y": y, "views": tuple(views)}
-        return Reviewed(ACCEPTED, sign["sign_id"], **about, seen=self._seen(x, y))
+        for sign in signs:
+            look = {"code": sign["mutcd"] or sign["vienna"]} | {n: sign[n] for n in LOOK[1:]}
+            x, y = round(sign["x"], 2), round(sign["y"], 2)
+            about = {"result": found.name, "look": look, "x": x, "y": y, "seen": found._seen(x, y)}
+            own = tuple(views[sign["sign_id"]])
+            found.rows[sign["sign_id"]] = Reviewed(ACCEPTED, sign["sign_id"], **about, views=own)
+        return found
 
     def _seen(self, x: float, y: float) -> tuple[tuple[str, float, float], ...]:
         """The images whose cameras are nearest to a place of the world frame, and metres to the right and ahead."""
