@@ -1,7 +1,6 @@
 """A camera from images of a chessboard: which images are used, and why not, and the result as picture and text."""
 
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -29,8 +28,6 @@ from wayside.stages.calibration import (
 )
 from wayside.stages.geometry import distort_points, ideal_points
 from wayside.stages.kernels import Array
-
-Watcher = Callable[[int, int], None]
 
 _AS_STORED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
 """Images that Exif turns are refused before this makes a difference."""
@@ -117,14 +114,12 @@ def parse_board(text: str, square_m: float) -> Board:
     return Board(int(columns), int(rows), square_m)
 
 
-def calibrate_images(
-    paths: list[Path], board: Board, model: str, watch: Watcher = lambda done, total: None
-) -> CalibratedImages:
+def calibrate_images(paths: list[Path], board: Board, model: str) -> CalibratedImages:
     """Calibrate a camera by images of a chessboard: files, and folders of them.
 
     Images of another size than most are left out by name: another camera took them, or they were cut or scaled.
-    `watch`: called after each image with the numbers done and to do. Raises UsageError for an unknown lens model, or
-    without an image. Raises InputError if the images do not determine a camera, with the reason for each unused image.
+    Raises UsageError for an unknown lens model, or without an image. Raises InputError if the images do not determine a
+    camera, with the reason for each unused image.
     """
     if model not in LENS_MODELS:
         raise UsageError(
@@ -133,10 +128,7 @@ def calibrate_images(
     files = sorted(set(image_files(paths)), key=natural_key)
     if not files:
         raise UsageError("no images of a board are given. Give image files or a folder.")
-    images = []
-    for file in files:
-        images.append(_look(file, board))
-        watch(len(images), len(files))
+    images = [_look(file, board) for file in files]
     width, height = size = _common_size(images)
     for k, image in enumerate(images):
         if image.size not in (None, size):

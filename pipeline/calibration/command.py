@@ -7,7 +7,6 @@ import cv2
 
 from wayside.pipeline.calibration.boards import (
     CalibratedImages,
-    Watcher,
     calibrate_images,
     draw_coverage,
     format_boards,
@@ -33,7 +32,6 @@ def calibrate_by_boards(
     out: Path | None,
     coverage: Path | None,
     overwrite: bool,
-    watch: Watcher = lambda done, total: None,
 ) -> str:
     """Calibrate by images of a board, write the camera and its coverage picture, and give the report.
 
@@ -44,7 +42,7 @@ def calibrate_by_boards(
         raise OutputError(f"{out}: this is a folder. Name a file in it.")
     picture = coverage or (None if out is None else out.with_suffix(".coverage.png"))
     _require_free(out, picture, overwrite=overwrite)
-    found = calibrate_images(paths, board, model, watch)
+    found = calibrate_images(paths, board, model)
     written = _write_camera(out, found, name, overwrite=overwrite)
     if picture is not None:
         drawn = cv2.imencode(".png", draw_coverage(found))[1]

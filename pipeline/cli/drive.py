@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from wayside.pipeline.cli.help import Application, examples
+from wayside.pipeline.cli.help import Application, examples, remark
 from wayside.pipeline.cli.options import (
     Log,
     Option,
@@ -131,7 +131,7 @@ def import_(
             calibration,
             out,
             how,
-            warn=lambda words: typer.echo(visible(f"note: {words}"), err=True),
+            warn=lambda words: remark(f"note: {words}"),
             watch=progress.watch,
         )
     begin = "; no date (add with --date)" if done.begin is None else f" from {done.begin}"
@@ -163,7 +163,7 @@ def join(
 
     joined = join_logs(parts, out, overwrite=overwrite)
     for words in joined.lost:
-        typer.echo(visible(f"lost: {words}"), err=True)
+        remark(f"lost: {words}")
     of = f"{counted(joined.topics, 'topic')} of {counted(len(joined.parts), 'part')}"
     held = counted(joined.messages, "message")
     typer.echo(visible(f"{out}: {held} on {of}; next: wayside info {out}"))

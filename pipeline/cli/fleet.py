@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wayside.pipeline.cli.help import Application, CommandGroup, examples
+from wayside.pipeline.cli.help import Application, CommandGroup, examples, remark
 from wayside.pipeline.cli.options import Option, Overwrite, chosen_settings, flag, takes
 from wayside.pipeline.cli.running import SELF_CALIBRATE, exit_with
 from wayside.pipeline.files.visible_text import counted, visible, visible_lines
@@ -300,9 +300,7 @@ def changes(
     typer.echo(visible(f"{page}: {counted(written.shown, 'change')}"))
     if written.lost_images:
         for fault in written.faults:
-            typer.echo(visible(f"wayside: {fault}"), err=True)
-        typer.echo(
-            f"wayside: not on the page, as no log has them: {counted(written.lost_images, 'image')}",
-            err=True,
-        )
+            remark(f"wayside: {fault}")
+        lost = counted(written.lost_images, "image")
+        remark(f"wayside: not on the page, as no log has them: {lost}")
         raise typer.Exit(PARTS_LOST)

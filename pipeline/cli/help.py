@@ -7,6 +7,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.models import CommandFunctionType
 
+from wayside.pipeline.files.visible_text import visible
 from wayside.schemas.errors import UsageError
 
 READ, DETECT, ROUTE, VIEW = "Input", "Settings and models", "Route", "Viewer"
@@ -16,6 +17,11 @@ READ, DETECT, ROUTE, VIEW = "Input", "Settings and models", "Route", "Viewer"
 def examples(*lines: str) -> str:
     """The examples of a command for its help, one a line."""
     return "Examples:\n\n" + "\n".join(f"- `{line}`" for line in lines)
+
+
+def remark(words: str) -> None:
+    """Say on stderr what is not the result."""
+    typer.echo(visible(words), err=True)
 
 
 class _PlainFlags:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from wayside.pipeline.cli.help import Application, examples
+from wayside.pipeline.cli.help import Application, examples, remark
 from wayside.pipeline.cli.options import (
     MovedLog,
     Option,
@@ -111,7 +111,7 @@ def _convert(
     complete = counted(len(labels.complete), "complete image")
     typer.echo(visible(f"{out}: {counted(len(kinds), 'label')} ({counts}), {complete}"))
     if labels.left_out:
-        typer.echo(visible(f"wayside: left out: {labels.reasons}; see docs/labels.md"), err=True)
+        remark(f"wayside: left out: {labels.reasons}; see docs/labels.md")
         if set(labels.left_out) - {"other_class"}:  # which the class map asks for
             raise typer.Exit(PARTS_LOST)
 
@@ -133,7 +133,7 @@ def _write(result: Path, folder: Path, most: int, log: Path | None, *, overwrite
     typer.echo(visible(f"{len(asked.items)} to mark{more}; open {written.path}"))
     if written.lost:
         words = "no image: the log no longer has it, or it cannot be decoded"
-        typer.echo(f"wayside: {counted(written.lost, 'has', 'have')} {words}", err=True)
+        remark(f"wayside: {counted(written.lost, 'has', 'have')} {words}")
     return written.lost
 
 
@@ -195,10 +195,7 @@ def fit(
     tune_process()
     asked = tuple(one.value for one in Fitted if one in wanted)
     options = FitOptions(tuple(labels), tuple(images), settings_of(given), asked, **own)
-    report = fit_labels(
-        options, out, overwrite=overwrite, notify=lambda words: typer.echo(visible(words), err=True)
-    )
-    typer.echo(visible_lines(report))
+    typer.echo(visible_lines(fit_labels(options, out, overwrite=overwrite, notify=remark)))
 
 
 @app.command(
@@ -231,10 +228,8 @@ def roc(
     from wayside.pipeline.roc.command import format_curves, measure_roc
     from wayside.pipeline.running.tuning import tune_process
 
-    def say(line: str) -> None:
-        typer.echo(visible_lines(line), err=True)
-
     tune_process()
     chosen = chosen_settings(given)
-    curves = measure_roc(logs, labels, out, chosen, load_models(chosen), say, overwrite=overwrite)
+    models = load_models(chosen)
+    curves = measure_roc(logs, labels, out, chosen, models, remark, overwrite=overwrite)
     typer.echo(visible_lines(format_curves(curves)))

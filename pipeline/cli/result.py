@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from wayside.pipeline.cli.help import Application, examples
+from wayside.pipeline.cli.help import Application, examples, remark
 from wayside.pipeline.cli.options import (
     MovedLog,
     Option,
@@ -95,10 +95,9 @@ def evidence(
     _note(written.notes)
     typer.echo(visible(str(written.sheets[0]) if written.index is None else index))
     if written.lost_views:
-        typer.echo(
+        remark(
             f"wayside: {counted(written.lost_views, 'view has', 'views have')} no image: the log no longer has "
-            "it, or it cannot be decoded; its place on the sheet is empty",
-            err=True,
+            "it, or it cannot be decoded; its place on the sheet is empty"
         )
         raise typer.Exit(PARTS_LOST)
 
@@ -161,7 +160,7 @@ def _check(
     fault = write_page(out, rules, checks, log=log, overwrite=overwrite) or fault
     typer.echo(visible_lines(f"{format_checks(rules, checks)}\n\nopen {out / PAGE_FILE}"))
     if fault:
-        typer.echo(visible(f"wayside: the page lacks images or evidence: {fault}"), err=True)
+        remark(f"wayside: the page lacks images or evidence: {fault}")
     return bool(fault)
 
 
@@ -288,7 +287,7 @@ def export(
 
 def _note(notes: Iterable[str]) -> None:
     for note in notes:
-        typer.echo(visible(f"note: {note}"), err=True)
+        remark(f"note: {note}")
 
 
 def _format_of(file: Path | None, kind: Format | None) -> str:

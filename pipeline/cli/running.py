@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from wayside.pipeline.cli.help import DETECT, READ, Application, examples
+from wayside.pipeline.cli.help import DETECT, READ, Application, examples, remark
 from wayside.pipeline.cli.options import Log, Overwrite, ViewMode, chosen_settings, flag, takes
 from wayside.pipeline.files.visible_text import visible
 from wayside.pipeline.running.process import in_words, report_error
@@ -312,7 +312,7 @@ def read_as_log(path: Path) -> Path:
     """What is to be read of a recording; says on stderr where the log of a ROS bag lies. Raises as `readable_log`."""
     from wayside.pipeline.logs.joining import readable_log
 
-    return readable_log(path, lambda words: typer.echo(visible(words), err=True))
+    return readable_log(path, remark)
 
 
 def process(

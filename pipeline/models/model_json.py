@@ -130,11 +130,6 @@ _READERS: dict[str, Callable[[Any], Any]] = {
 """How each field is read; a name means the same in every model."""
 
 
-def _check_class(one: models.GaussianClass) -> None:
-    (d,) = one.mean.shape
-    _check_covariance(one.covariance, (d, d))
-
-
 def _check_mixture(model: models.MixtureModel) -> None:
     k, d = model.mean.shape
     _check_covariance(model.covariance, (k, d, d))
@@ -156,7 +151,7 @@ def _check_covariance(covariance: NDArray[np.float64], shape: tuple[int, ...]) -
 
 
 _CHECKS: dict[type[Any], Callable[[Any], None]] = {
-    models.GaussianClass: _check_class,
+    models.GaussianClass: lambda one: _check_covariance(one.covariance, 2 * one.mean.shape),
     models.MixtureModel: _check_mixture,
     models.EvidenceModel: _check_evidence,
 }
