@@ -181,8 +181,7 @@ def stage_functions() -> dict[str, tuple[FunctionType, type, type]]:
         if not isinstance(function, FunctionType) or function.__module__ == workers.__name__:
             continue
         hints = get_type_hints(function)
-        given = next(iter(hints.values()), None)
-        ends = [given, hints.get("return")]
+        ends = [next(iter(hints.values()), None), hints.get("return")]
         if all(get_origin(end) is Iterator for end in ends):
             source, result = (get_args(end)[0] for end in ends)
             found[name] = (function, source, result)

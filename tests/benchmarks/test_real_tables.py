@@ -105,8 +105,7 @@ def test_a_higher_confidence_keeps_fewer_rows_of_a_result(tables, tmp_path):
         if (view := {"i": row["best_frame"], "box": row["best_box"]})
     ]
     labels = {"stride": 1, "frames": [{}] * 7, "signs": signs, "distractors": []}
-    ordered = sorted(row["confidence"] for row in rows)
-    least = (0.0, ordered[1], 1.0)
+    least = (0.0, sorted(row["confidence"] for row in rows)[1], 1.0)
     every, one_less, none = tables.counts_by_confidence(tmp_path, labels, least)
     assert every == tables.Counts(len(rows) - 1, len(rows) - 1, 1, 1, 0, 7)
     assert one_less.found + one_less.plates == len(rows) - 1

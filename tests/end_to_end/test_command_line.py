@@ -49,8 +49,7 @@ def test_0_a_run_that_is_done_says_what_it_found_in_the_characters_of_the_termin
 @pytest.mark.slow
 @pytest.mark.parametrize("encoding", ["cp1252", "utf-8"])
 def test_output_keeps_the_characters_that_the_terminal_has(tmp_path, encoding):
-    folder = tmp_path / "Bögen"
-    done = program("run", DEMO, *SHORT, "-o", folder, PYTHONIOENCODING=encoding)
+    done = program("run", DEMO, *SHORT, "-o", tmp_path / "Bögen", PYTHONIOENCODING=encoding)
     assert "±along m".encode(encoding) in done.stdout
     assert "Bögen".encode(encoding) in done.stdout
     done = program("info", tmp_path / "Bögen.mcap", PYTHONIOENCODING=encoding)

@@ -254,8 +254,7 @@ def test_classes_tell_series_where_a_shape_is_known(generation, demo_of):
 
 
 def test_the_default_measures_the_ground_beside_the_road_where_it_is_asked_for():
-    chosen = {"roadside.on": True, "read.until_s": 3.0}
-    found = wayside.run(DEMO, settings=chosen)
+    found = wayside.run(DEMO, settings={"roadside.on": True, "read.until_s": 3.0})
     assert Counter(found.profile["status"].to_pylist())["ground"] > 0.2 * len(found.profile)
     assert {*found.posts["kind"].to_pylist()} - {"unknown"}
 

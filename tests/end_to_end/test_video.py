@@ -94,8 +94,7 @@ def test_every_picture_of_a_video_is_decoded_in_order_with_its_size(tmp_path, pr
     for frame, rgb in zip(frames, shown, strict=True):
         assert_alike(frame, rgb)
     assert report.notes == []
-    words = format_log(inspect_log(log))
-    assert f"10 images, {WIDTH} x {HEIGHT}, h264" in words
+    assert f"10 images, {WIDTH} x {HEIGHT}, h264" in format_log(inspect_log(log))
 
 
 def test_the_type_of_ros_says_the_same(tmp_path):

@@ -287,8 +287,7 @@ def test_the_table_holds_each_check_and_the_same_bytes_once_more(out):
 def test_without_its_log_the_page_lacks_images_and_the_command_says_so(out):
     about = json.loads((out / "run.json").read_text())
     (out / "run.json").write_text(json.dumps(about | {"log_path": "/none.mcap"}))
-    said = invoke("check", out, status=4)
-    assert "the page lacks images or evidence" in said
+    assert "the page lacks images or evidence" in invoke("check", out, status=4)
     assert "<img" not in (out / "checks.html").read_text()
     assert pq.read_table(out / CHECKS.file).num_rows > 0
 

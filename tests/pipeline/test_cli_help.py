@@ -26,8 +26,7 @@ def help_of(*words):
 def test_help_has_a_short_name_and_fits_into_80_columns(words):
     said = help_of(*words)
     assert max(map(len, said.splitlines())) <= 80
-    usage = next(line for line in said.splitlines() if "Usage:" in line)
-    assert not set("{}") & set(usage)
+    assert not set("{}") & set(next(line for line in said.splitlines() if "Usage:" in line))
     assert "<bool>" not in said
     if words in ([], ["run"]):
         for status in ("0 done", "1 an inter", "2 wrong", "3 the input", "4 done, but", "130 "):
@@ -61,8 +60,7 @@ def python(code, *words, **env):
 def test_a_shell_completes_commands():
     code = "import sys; sys.argv[0] = 'wayside'; from wayside.pipeline.cli import main; main()"
     asked = {"_WAYSIDE_COMPLETE": "complete_bash", "COMP_WORDS": "wayside ev", "COMP_CWORD": "1"}
-    done = python(code, **asked)
-    assert sorted(done.stdout.split()) == ["evaluate", "evidence"]
+    assert sorted(python(code, **asked).stdout.split()) == ["evaluate", "evidence"]
 
 
 def test_arrays_of_arrow_load_no_pandas():

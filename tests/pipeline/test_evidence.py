@@ -210,8 +210,7 @@ def test_views_are_the_measured_ones_in_order_with_their_range_else_the_best_box
 
 @pytest.mark.parametrize(("made", "lost"), [({"broken": (0, 2)}, 1), ({"images": 4}, 2)])
 def test_views_that_do_not_decode_or_that_the_log_lacks_are_left_empty(out, tmp_path, made, lost):
-    log = make_log(tmp_path, **made)
-    words = results.invoke("evidence", out, "--log", log, status=4)
+    words = results.invoke("evidence", out, "--log", make_log(tmp_path, **made), status=4)
     assert ["1 view has", "2 views have"][lost - 1] + " no image" in words
     assert len(list((out / "evidence").iterdir())) == 3 + 1
 

@@ -274,8 +274,7 @@ names = st.text("abcdefgh_", min_size=1, max_size=30)
 
 @given(st.lists(names, unique=True, max_size=40))
 def test_short_names_are_short_and_of_one_column_each(found):
-    columns = [Column(name, pa.string(), "", "") for name in found]
-    short = short_names(columns)
+    short = short_names([Column(name, pa.string(), "", "") for name in found])
     assert list(short) == found
     assert len(set(short.values())) == len(found)
     assert all(1 <= len(name) <= SHORT_NAME for name in short.values())

@@ -79,8 +79,7 @@ def test_images_under_way_stay_within_the_limit_and_all_come(
 
 
 def test_without_a_limit_queues_are_full():
-    memory = ImageMemory(0, 3)
-    _, most = flow(frames([USED] * 50), memory, 4, 5, 3)
+    _, most = flow(frames([USED] * 50), ImageMemory(0, 3), 4, 5, 3)
     assert most >= 4 * 5 * TRACKED_MB
 
 

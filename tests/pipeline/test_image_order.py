@@ -221,8 +221,7 @@ def test_the_command_forces_an_order(take, command, tmp_path, calibration):
     folder = last(take(f"in/{k}.jpg", 10 - k).parent for k in (1, 2))
     line = ["import", folder, "--calibration", calibration, "--spacing", "8m", "-o"]
     out = tmp_path / "drive.mcap"
-    refused = command(*line, out)
-    assert refused.returncode == 3
+    assert command(*line, out).returncode == 3
     assert not out.exists()
     assert command(*line, out, "--order", "date").returncode == 0
     assert command(*line, out, "--order", "size").returncode == 2

@@ -190,11 +190,9 @@ def test_parts_of_mcap_keep_every_message_metadata_and_attachment(tmp_path):
 def test_what_of_a_part_is_cut_off_is_told_and_the_rest_is_joined(tmp_path):
     parts = []
     for name, indices in (("a", range(9)), ("b", range(9, 18))):
-        bag = write_ros2(tmp_path / name, indices, StoragePlugin.MCAP)
-        parts += bag.glob("*.mcap")
+        parts += write_ros2(tmp_path / name, indices, StoragePlugin.MCAP).glob("*.mcap")
     parts[0].write_bytes(parts[0].read_bytes()[: parts[0].stat().st_size // 2])
-    joined = join_logs(parts, tmp_path / "drive.mcap")
-    assert joined.lost
+    assert join_logs(parts, tmp_path / "drive.mcap").lost
     frames, _ = read(tmp_path / "drive.mcap", spacing_m=8.0)
     assert 9 < len(frames) < 18
 

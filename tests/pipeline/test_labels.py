@@ -157,8 +157,7 @@ def write(request):
 
 
 def test_formats_of_others_say_the_same(tmp_path, write):
-    path = write(tmp_path)
-    read = read_labels(path)
+    read = read_labels(write(tmp_path))
     image = LabelledImage(image_name="a 1.png", size=SIZE)
     said = [(label.kind, label.note) for label in read.labels]
     assert said == [("sign", "stop"), ("back", "back"), ("sign", "board")]

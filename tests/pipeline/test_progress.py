@@ -70,8 +70,7 @@ def test_the_time_goes_on_where_counting_begins_again(terminal, monkeypatch):
             now[0] = 100.0 + seconds
             progress.watch(done, 183)
             progress._bar.refresh()
-            line = last_line(screen)
-            assert f"{done}/183 images 0:00:{seconds:02.0f}" in line
+            assert f"{done}/183 images 0:00:{seconds:02.0f}" in last_line(screen)
 
 
 @pytest.fixture

@@ -247,8 +247,7 @@ def test_a_review_is_carried_over_to_another_run(tmp_path, numbers, changes, sca
         for o, n in numbers.items()
         if one["sign_id"] == f"d-{o:04d}" and one["frame"] >= first
     ]
-    new = write_result(tmp_path / "new", found, boxes, kept, "f" * 16)
-    said = read(new, file)
+    said = read(write_result(tmp_path / "new", found, boxes, kept, "f" * 16), file)
     carried = {f"d-{n:04d}": reviews[o - 1] for o, n in numbers.items()}
     assert {name: one.review for name, one in said.rows.items()} == carried
     (missing,) = said.missing

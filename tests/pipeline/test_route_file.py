@@ -76,8 +76,7 @@ def test_pieces_with_measures_near_the_drive_come_in_degrees(network):
 
 
 def test_only_the_route_that_is_named_counts(network):
-    file = open_routes(RouteSettings(file=str(network), name="K-7"))
-    assert len(file.near(PLACES)) == 0
+    assert len(open_routes(RouteSettings(file=str(network), name="K-7")).near(PLACES)) == 0
     with pytest.raises(UsageError, match="the nearest: US-36 EB"):
         open_routes(RouteSettings(file=str(network), name="US-36 WB"))
 

@@ -136,8 +136,7 @@ def test_boxes_enclose_the_projected_corners_of_rectangular_signs(truth):
         if sign["shape"] != "rectangle":
             continue
         for view in sign["frames"]:
-            camera = camera_of(truth, view["frame"])
-            pixels = camera.project(corners_of(sign))
+            pixels = camera_of(truth, view["frame"]).project(corners_of(sign))
             box = [*pixels.min(axis=0), *pixels.max(axis=0)]
             # Corners are rounded, so a turned panel falls short of its corners by a part of the radius.
             slack = 0.02 * truth["camera"]["fx"] / view["range_m"] + 0.1
@@ -272,8 +271,7 @@ def test_a_log_may_hold_images_and_calibration_alone_and_no_index(tiny, tmp_path
 
 @pytest.mark.parametrize("path", sorted(SPECS.glob("*.toml")), ids=lambda path: path.stem)
 def test_every_specification_parses_and_is_described(path):
-    spec = load_spec(path)
-    assert spec.name == path.stem
+    assert load_spec(path).name == path.stem
     assert re.match(r"# \S+ \S+ .*\.\n", path.read_text()), "its first line says what the drive is"
 
 

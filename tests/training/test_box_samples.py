@@ -76,8 +76,7 @@ def test_a_box_on_a_face_is_wholly_one_and_has_its_names():
 def test_the_less_a_box_overlaps_a_face_the_less_it_is_one():
     overlaps = [0.9, WHOLE_FACE, 0.6, NAMED + 0.01, 0.4, NO_FACE, 0.1]
     found = targets([moved(overlap) for overlap in overlaps])
-    wanted = [1, 1, 0.7, 0.42, 0.3, 0, 0]
-    assert found.panel[:, FRONT] == pytest.approx(wanted, abs=1e-4)
+    assert found.panel[:, FRONT] == pytest.approx([1, 1, 0.7, 0.42, 0.3, 0, 0], abs=1e-4)
     assert np.isfinite(found.offset).all(axis=1).tolist() == [o >= REGRESSED for o in overlaps]
     assert found.color.tolist() == [RED if o >= NAMED else NONE for o in overlaps]
     assert (found.weight == 1).all()
@@ -96,8 +95,7 @@ def test_the_offsets_of_a_face_that_the_crop_cuts_end_at_its_border():
 
 
 def test_a_box_belongs_to_the_face_that_it_overlaps_most():
-    other = [145, 60, 185, 100]
-    found = targets([[135, 60, 180, 100]], [(SIGN, FRONT), (other, BACK)])
+    found = targets([[135, 60, 180, 100]], [(SIGN, FRONT), ([145, 60, 185, 100], BACK)])
     assert found.panel.argmax(axis=1).tolist() == [BACK]
 
 
@@ -169,8 +167,7 @@ def test_samples_of_crops_have_faces_named_and_others():
 
 def test_the_boxes_of_the_detection_network_are_among_the_samples():
     for seed in range(6):
-        found = samples(seed, image(()), Seeing())
-        assert [32, 32] in found.size.tolist()
+        assert [32, 32] in samples(seed, image(()), Seeing()).size.tolist()
         assert [32, 32] not in samples(seed, image(())).size.tolist()
 
 
@@ -201,8 +198,7 @@ def test_where_all_is_unknown_no_box_counts():
 
 def test_a_box_around_two_faces_is_none_and_one_around_a_face_with_another_on_it_is_one():
     plaque = [100, 101, 140, 120]
-    both = [100, 60, 140, 120]
-    found = targets([both, SIGN], faces=((SIGN, FRONT), (plaque, FRONT)))
+    found = targets([[100, 60, 140, 120], SIGN], faces=((SIGN, FRONT), (plaque, FRONT)))
     assert found.panel[:, FRONT].tolist() == [0, 1]
     within = [110, 70, 130, 90]
     assert targets([SIGN], faces=((SIGN, FRONT), (within, FRONT))).panel[0, FRONT] == 1

@@ -155,8 +155,7 @@ def test_the_thresholds_are_written_beside_the_networks_with_what_they_come_from
     assert front.with_network is not None
     assert back.with_network is None
     assert front.threshold_interval is None
-    said = capsys.readouterr().out
-    assert str(of_demo / "front.json") in said
+    assert str(of_demo / "front.json") in capsys.readouterr().out
 
 
 def test_a_folder_whose_networks_cannot_be_used_is_refused(of_demo, capsys):

@@ -207,8 +207,7 @@ def test_a_board_in_the_sun_loses_thin_lines_and_keeps_its_edge(monkeypatch):
     for light in (1.0, 6.0):
         worn, rgb = patch.copy(), np.full((40, 60, 3), 60, np.uint8)
         wear(worn, FRONT, light, rgb, (0, 0, 60, 40), 0 * NOISE.smooth, np.random.default_rng(3))
-        box = blend(rgb, worn, 0, 0)
-        assert box == pytest.approx((4, 4, 56, 36), abs=1)
+        assert blend(rgb, worn, 0, 0) == pytest.approx((4, 4, 56, 36), abs=1)
         shown[light] = rgb[10:30].mean(axis=(0, 2))
     assert shown[1.0][20] < 0.4 * shown[1.0][12]
     assert shown[6.0][20] > 0.9 * shown[6.0][12]

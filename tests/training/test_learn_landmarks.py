@@ -53,10 +53,8 @@ def test_the_ratios_learned_are_those_of_what_made_the_examples(monkeypatch):
 def test_a_curve_may_bend_where_the_examples_ask_for_it(monkeypatch):
     monkeypatch.setattr(module, "REAL_WEIGHT", 4000.0)
     learned, _ = examples(6000)
-    score = learned.values[:, FEATURES.index("score_best")]
-    odds = 3 * np.clip(score - 6, -1, 1)
-    rng = np.random.default_rng(7)
-    learned.label = np.where(rng.random(6000) < expit(odds), ON, OFF)
+    odds = 3 * np.clip(learned.values[:, FEATURES.index("score_best")] - 6, -1, 1)
+    learned.label = np.where(np.random.default_rng(7).random(6000) < expit(odds), ON, OFF)
     model = learn_landmark_classifier(learned, "test")
     curve = model.curves[model.features.index("score_best")]
     low, steep = curve[2] - curve[1], curve[4] - curve[3]
@@ -68,8 +66,7 @@ def test_the_sum_is_as_often_right_as_it_says_where_as_many_are_signs_as_it_expe
     real = joined([examples(2000, seed, source)[0] for seed, source in ((1, "a"), (2, "b"))])
     model = learn_landmark_classifier(real, "test")
     fresh, _ = examples(20000, seed=9)
-    rng = np.random.default_rng(10)
-    kept = (fresh.label != ON) | (rng.random(20000) < 3 / 7)
+    kept = (fresh.label != ON) | (np.random.default_rng(10).random(20000) < 3 / 7)
     probability, sign = expit(sums(model, fresh.values[kept])), fresh.label[kept] == ON
     for low, high in ((0.1, 0.5), (0.5, 0.9)):
         own = (low < probability) & (probability < high)

@@ -64,8 +64,7 @@ def test_regions_that_cover_a_part_of_a_face_have_its_colour_but_not_its_shape(
     settings, _ = load_settings("report-shape")
     drives = labelled_drives([labels], [pictures[0]], settings.read, complete=False)
     assert region_samples(drives, settings).met == 12
-    colors = load_models(settings).color_classes
-    assert region_samples(drives, settings, colors).met == met
+    assert region_samples(drives, settings, load_models(settings).color_classes).met == met
 
 
 def test_pictures_and_labels_become_models_that_a_run_takes(pictures, tmp_path):

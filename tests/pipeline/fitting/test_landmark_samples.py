@@ -55,8 +55,7 @@ def test_two_landmarks_on_one_panel_are_one_sign_and_two_on_nothing_labelled_are
     found = samples((ON, 3, BOX, 4.0, 1.0), (ON, 5, BOX, 4.2, 1.0), (ON, 11, BOX, 4.0, 1.0))
     assert found.sign[0] == found.sign[1] != found.sign[2]
     assert found.signs("right") == 2
-    unlabelled = samples((ON, 18, BOX, 4.0, 1.0), (ON, 19, BOX, 4.0, 1.0))
-    assert unlabelled.signs("right") == 2
+    assert samples((ON, 18, BOX, 4.0, 1.0), (ON, 19, BOX, 4.0, 1.0)).signs("right") == 2
 
 
 def test_a_sign_belongs_to_the_stretch_that_shows_it_most_wherever_it_is_best_seen():

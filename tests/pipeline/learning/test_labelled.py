@@ -26,8 +26,7 @@ def label_of(known, box, frame=0):
 
 def test_a_region_on_a_face_has_its_class_and_one_elsewhere_is_no_sign():
     known = faces(label(SIGN, FACE, color="green", shape="circle"))
-    boxes = np.array([(101, 99, 141, 139), AWAY], np.float32)
-    labels, face = known.label_regions(0, boxes)
+    labels, face = known.label_regions(0, np.array([(101, 99, 141, 139), AWAY], np.float32))
     assert labels.tolist() == [ON, OFF]
     assert face.tolist() == [0, -1]
     assert known.color[face[0]] == "green"

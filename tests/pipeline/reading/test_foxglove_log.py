@@ -157,7 +157,6 @@ def test_the_same_bytes_come_again_and_another_log_is_refused(new_log, tmp_path)
 
 def test_observations_of_a_frame_that_is_not_there_are_refused(new_log, tmp_path):
     out = write_result(tmp_path / "out", drive(new_log, "poses"), "log")
-    frames = pq.read_table(out / FRAMES.file)
-    pq.write_table(frames.slice(0, 1), out / FRAMES.file)
+    pq.write_table(pq.read_table(out / FRAMES.file).slice(0, 1), out / FRAMES.file)
     with pytest.raises(InputError, match="name frame 1, which the table of frames lacks"):
         export(out, NO_REVIEW, tmp_path / "signs.mcap", "mcap")

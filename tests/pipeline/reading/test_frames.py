@@ -276,8 +276,7 @@ def test_thinning_goes_by_the_way_travelled(new_log, source):
 
 
 def test_a_part_and_every_nth_image_are_taken_and_the_rest_is_accounted_for(new_log):
-    path = fill(new_log(), 20)
-    frames, report = read(path, from_s=1.0, until_s=3.0, every=3)
+    frames, report = read(fill(new_log(), 20), from_s=1.0, until_s=3.0, every=3)
     assert [f.index for f in frames] == list(range(20))
     assert [f.index for f in frames if f.used] == [4, 7, 10]
     assert report.statuses == {"used": 3, "skipped": 6, "outside": 11}

@@ -290,8 +290,7 @@ def test_a_log_that_is_read_in_another_order_is_bounded_in_all(new_log, monkeypa
 def test_of_a_log_that_is_still_written_the_messages_are_used_that_stood_there(new_log, share):
     path = write(new_log, messages())
     content = path.read_bytes()
-    front = content[: int(share * len(content))]
-    path.write_bytes(front)
+    path.write_bytes(content[: int(share * len(content))])
     wanted, _ = read(path)
     report = ReadReport()
     frames = read_frames(path, ReadSettings(thin_m=0.0), report)

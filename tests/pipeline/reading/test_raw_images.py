@@ -57,8 +57,7 @@ def test_samples_of_16_bits_are_taken_for_the_bits_that_the_drive_uses(new_log, 
         level = brightest if index == 1 else brightest // 100 * (index + 1)
         return np.full(WIDTH * HEIGHT, level, "<u2").tobytes()
 
-    path = raw_log(new_log(), "mono16", 2 * WIDTH, samples)
-    frames, report = read(path, spacing_m=8.0)
+    frames, report = read(raw_log(new_log(), "mono16", 2 * WIDTH, samples), spacing_m=8.0)
     (_, brightest_image, _) = decode(iter(frames))
     assert int(brightest_image.grey[0, 0]) == brightest >> (bits - 8)
     assert any(f"use {bits} of them" in note for note in report.notes) is (bits < 16)

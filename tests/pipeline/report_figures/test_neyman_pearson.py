@@ -42,8 +42,7 @@ def test_the_densities_of_the_report_have_the_integrals_of_their_equations():
 @pytest.mark.parametrize("alpha", [0.1, 0.05, 0.03, 0.01])
 def test_the_test_of_the_report_s_densities_is_a_threshold_at_their_tail(alpha):
     found = most_powerful_test(OFF, ON, alpha)
-    upper = norm.cdf(252.6, 118.337, 1489**0.5)
-    exact = norm.ppf(upper - alpha, 118.337, 1489**0.5)
+    exact = norm.ppf(norm.cdf(252.6, 118.337, 1489**0.5) - alpha, 118.337, 1489**0.5)
     assert VALUES[found][0] == pytest.approx(exact, abs=0.01)
     assert OFF[found].sum() == pytest.approx(alpha, abs=1e-4)
     signs = quad(lambda y: 4.211e-9 * np.exp(y / 235**0.5), exact, 253.8)[0]

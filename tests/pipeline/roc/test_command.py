@@ -83,8 +83,7 @@ def test_a_measurement_is_written_as_tables_pictures_and_a_recording(tmp_path, a
     assert by_class["color", "all"]["fpr"] == pytest.approx(accepted[80:280].any(axis=1).mean())
     assert (green["resampled"], green["groups"]) == ("drive", 4)
     assert by_class["color", "white"]["area"] is None  # no white sign
-    image = cv2.imread(str(tmp_path / "roc" / "roc_color.png"))
-    assert image.std() > 5
+    assert cv2.imread(str(tmp_path / "roc" / "roc_color.png")).std() > 5
     assert (tmp_path / "roc" / "roc.rrd").stat().st_size > 1000
     (tmp_path / "roc" / "roc_mine.png").write_bytes(b"of the user")
     rest = {name: samples for name, samples in asked.items() if name != "color"}

@@ -73,8 +73,7 @@ def processed(item, camera):
     def ideal(pixels):
         return ideal_points(camera, distort_points(taken_by, pixels))
 
-    frame = replace(item.frame, camera=camera)
-    image = replace(item.detections.image, frame=frame)
+    image = replace(item.detections.image, frame=replace(item.frame, camera=camera))
     segmentation = replace(item.detections.segmentation, image=image)
     detections, ties = replace(item.detections, segmentation=segmentation), item.motion.ties
     if ties is not None:

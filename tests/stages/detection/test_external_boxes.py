@@ -68,8 +68,7 @@ def test_images_are_found_by_number_or_time():
 
 @pytest.mark.parametrize("how", [{"status": THINNED}, {"camera": None}])
 def test_an_image_that_is_not_used_has_no_candidates(how):
-    source = file_of(_0=boxes((200, 60, 240, 100, 2.0)))
-    (one,) = detections([image(0, **how)], source)
+    (one,) = detections([image(0, **how)], file_of(_0=boxes((200, 60, 240, 100, 2.0))))
     assert len(one.candidates) == 0
 
 

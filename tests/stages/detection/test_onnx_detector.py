@@ -115,8 +115,7 @@ def test_the_corners_of_the_image_are_where_scale_and_border_say(width, height, 
 def test_of_boxes_on_one_face_the_best_stays_whatever_its_class():
     box = np.array([[0, 0, 10, 10], [1, 0, 11, 10], [20, 0, 30, 10]], np.float32)
     raw = RawBoxes(box, np.array([0.5, 0.9, 0.4], np.float32), np.array([0, 1, 0]))
-    found = sign_boxes(raw, (50, 50), None, 0.25, 0.4)
-    assert found.box[:, 0].tolist() == [1, 20]
+    assert sign_boxes(raw, (50, 50), None, 0.25, 0.4).box[:, 0].tolist() == [1, 20]
     assert len(sign_boxes(raw, (50, 50), None, 0.25, None)) == 3
 
 

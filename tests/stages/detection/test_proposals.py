@@ -77,8 +77,7 @@ def test_an_image_of_short_focal_length_is_seen_as_large_as_those_learned_from(f
 def test_faces_are_searched_for_as_tall_as_the_network_sees_them():
     camera = replace(CAMERA, fx=350.0, fy=350.0)
     boxes = [[100, 100, 106, 104], [200, 100, 206, 103]]
-    found = fitting(segmented(boxes), camera)
-    assert found.regions.box.tolist() == boxes[:1]
+    assert fitting(segmented(boxes), camera).regions.box.tolist() == boxes[:1]
     assert len(fitting(segmented(boxes), CAMERA).regions) == 0
 
 

@@ -27,8 +27,7 @@ def test_the_offset_on_a_curve_is_the_distance_to_the_arc():
     centres = radius * np.stack([1 - np.cos(angles), 0 * angles, np.sin(angles)], axis=1)
     beyond = 0.2
     inner = np.array([radius - 290 * np.cos(beyond), -1.0, 290 * np.sin(beyond)])
-    ups = np.repeat(UP, 16, axis=0)
-    found = frenet_offset(inner, centres, ups, radius * angles, AHEAD)
+    found = frenet_offset(inner, centres, np.repeat(UP, 16, axis=0), radius * angles, AHEAD)
     assert found.right == pytest.approx(10.0, abs=0.05)
     assert found.station == pytest.approx(radius * beyond, abs=0.1)
     assert found.above == pytest.approx(1.0)

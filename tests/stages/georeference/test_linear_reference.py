@@ -143,8 +143,7 @@ def test_the_routes_that_are_followed_cost_least_of_all_sequences(rows):
 
     def cost(states):
         own = [none if s < 0 else (distance[i, s] / SIGMA_M) ** 2 for i, s in enumerate(states)]
-        changes = sum(a != b for a, b in pairwise(states))
-        return sum(own) + CHANGE * changes
+        return sum(own) + CHANGE * sum(a != b for a, b in pairwise(states))
 
     every = np.stack(np.meshgrid(*[[-1, 0, 1]] * len(rows)), -1).reshape(-1, len(rows))
     assert cost(chosen.tolist()) == pytest.approx(min(cost(states) for states in every.tolist()))

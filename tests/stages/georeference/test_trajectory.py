@@ -208,8 +208,7 @@ def test_a_time_offset_is_found_and_undone(radius_m, swing, time_offset_s):
 
 def test_no_time_offset_is_found_where_there_is_none():
     for seed in range(8):
-        drive = drive_of(seed, 150, swing=0.3)
-        assert drive.smooth().time_offset_s == 0.0
+        assert drive_of(seed, 150, swing=0.3).smooth().time_offset_s == 0.0
 
 
 def test_a_time_offset_of_poses_is_found_by_rotations_alone():

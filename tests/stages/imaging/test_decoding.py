@@ -16,8 +16,7 @@ HEIGHT, WIDTH = 36, 52
 
 def pixels(seed=0):
     """Smooth colours, so that neither JPEG nor chroma sampling moves them far."""
-    rng = np.random.default_rng(seed)
-    small = rng.integers(0, 256, (4, 5, 3)).astype(np.uint8)
+    small = np.random.default_rng(seed).integers(0, 256, (4, 5, 3)).astype(np.uint8)
     return cv2.resize(small, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC)
 
 

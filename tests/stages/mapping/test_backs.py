@@ -22,8 +22,7 @@ def seen_from_behind(frames, faces="score", before_column=1600):
     """The same frames: candidates left of that column may be backs, and are faces as far as `faces` says."""
     made = []
     for one in frames:
-        table = one.detections.candidates
-        left = table.center[:, 0] < before_column
+        left = one.detections.candidates.center[:, 0] < before_column
         told = {
             "back_score": np.where(left, 2.0, np.nan).astype(np.float32),
             "verdict": np.where(left, verdict_code(faces), 0).astype(np.uint8),

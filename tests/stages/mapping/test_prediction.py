@@ -120,8 +120,7 @@ def test_a_predicted_box_is_a_view_only_where_the_classifier_accepts_it(near_onl
     held = holding(near_only)
     fit = fit_of(held)
     before = [len(h.followed) for h in held]
-    none = with_predicted_views(fit, held, reddish(99.0))
-    assert none.rows.tolist() == fit.rows.tolist()
+    assert with_predicted_views(fit, held, reddish(99.0)).rows.tolist() == fit.rows.tolist()
     assert [len(h.followed) for h in held] == before
     found = with_predicted_views(fit, held, reddish())
     assert {4, 6} <= set(found.frames.tolist())

@@ -23,8 +23,7 @@ def run(frames, settings=SETTINGS, classifier=None):
 
 
 def test_a_panel_is_measured_where_it_stands():
-    frames = drive([Panel(3.5, 1.2, 120.0, wide=0.6, tall=0.9)], 20)
-    (landmark,) = landmarks_of(run(frames))
+    (landmark,) = landmarks_of(run(drive([Panel(3.5, 1.2, 120.0, wide=0.6, tall=0.9)], 20)))
     centre = landmark.best_pose.to_world(landmark.position)
     np.testing.assert_allclose(centre, [3.5, -1.2, 120.0], atol=0.02)
     size = [landmark.width_m / BORDER, landmark.height_m / BORDER]
@@ -124,8 +123,7 @@ def test_a_vehicle_is_no_sign(right, along, speed, change):
 
 
 def test_a_gap_of_two_frames_is_bridged():
-    frames = drive([Panel(3.5, 1.2, 120.0, hidden_in=(10, 11))], 20)
-    (landmark,) = landmarks_of(run(frames))
+    (landmark,) = landmarks_of(run(drive([Panel(3.5, 1.2, 120.0, hidden_in=(10, 11))], 20)))
     seen = {view.frame for view in landmark.views}
     assert {9, 12} <= seen
     assert not {10, 11} & seen

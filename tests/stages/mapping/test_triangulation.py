@@ -137,8 +137,7 @@ def test_arrays_that_do_not_fit_together_are_refused():
 
 
 def test_the_residual_of_the_true_motion_is_nought_and_grows_with_an_unmodelled_turn():
-    generator = np.random.default_rng(8)
-    points = generator.uniform((-8, -4, 20), (8, 2, 60), (30, 3))
+    points = np.random.default_rng(8).uniform((-8, -4, 20), (8, 2, 60), (30, 3))
     direction = np.array([0.0, 0.0, 1.0])
     turn = Rotation.from_rotvec([0.004, 0.0, 0.0]).as_matrix()
     local = (points - 8.05 * direction) @ turn

@@ -64,8 +64,7 @@ def test_near_images_tell_more_than_far_ones():
 
 def test_one_view_that_is_predicted_on_another_face_is_not_enough():
     one = views({0: BESIDE, 1: FACE, 2: FACE}, predicted=(1,))
-    other = views({0: FACE, 1: FACE, 2: BESIDE}, unseen=(0, 2))
-    assert not same_face(one, other)
+    assert not same_face(one, views({0: FACE, 1: FACE, 2: BESIDE}, unseen=(0, 2)))
 
 
 def test_landmarks_that_no_image_shows_together_are_compared_where_they_must_be():

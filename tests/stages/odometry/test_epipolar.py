@@ -39,8 +39,7 @@ def test_the_minimum_is_that_of_scipy():
         direction /= np.linalg.norm(direction)
         half = Rotation.from_rotvec(unknowns[:3] / 2).apply(AHEAD)
         known = (direction[:2] / direction[2] - half[:2] / half[2]) / np.radians(1.5)
-        gaps = sampson_px(previous, current, rotation, direction, FOCAL)
-        return np.r_[gaps / 0.1, known]
+        return np.r_[sampson_px(previous, current, rotation, direction, FOCAL) / 0.1, known]
 
     best = least_squares(residuals, np.zeros(5), x_scale="jac", xtol=1e-14, ftol=1e-14)
     turn = Rotation.from_rotvec(best.x[:3]).as_matrix()

@@ -46,8 +46,7 @@ def test_the_mount_is_learnt_through_curves_and_in_spite_of_a_wrong_step():
 
 
 def test_the_road_is_known_after_enough_points_on_the_lane():
-    generator = np.random.default_rng(0)
-    lane = generator.uniform((-2, 1.65, 6), (2, 1.65, 15), (4, 3))
+    lane = np.random.default_rng(0).uniform((-2, 1.65, 6), (2, 1.65, 15), (4, 3))
     ahead = [step(0.0, (0.0, 0.0))]
     assert taught(ahead, lane).ground(8.0) is None
     ground = taught(ahead * 4, lane).ground(8.0)

@@ -90,8 +90,7 @@ def test_sigma_is_the_scatter_of_corners_under_noise(far):
     gaps, stated = [], []
     for seed in range(20):
         noise = np.random.default_rng(seed).normal(0, 6.0, far.shape)
-        near = np.clip(far + noise, 0, 255).astype(np.uint8)
-        found = register(far, near, corners)
+        found = register(far, np.clip(far + noise, 0, 255).astype(np.uint8), corners)
         gaps.append(found.point - corners)
         stated.append(found.sigma)
     scatter = np.std(gaps, axis=0).max(axis=1)

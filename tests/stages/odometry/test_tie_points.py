@@ -47,8 +47,7 @@ def pair():
     rotation = Rotation.from_euler("yx", [0.8, 0.2], degrees=True).as_matrix()
     direction = np.array([0.01, 0.0, 1.0]) / np.linalg.norm([0.01, 0.0, 1.0])
     before = view(ground_image(np.eye(3), np.zeros(3)))
-    now = view(ground_image(rotation, BASELINE * direction))
-    return before, now, rotation, direction
+    return before, view(ground_image(rotation, BASELINE * direction)), rotation, direction
 
 
 def off_px(tied, rotation, direction):

@@ -303,8 +303,7 @@ def test_slow_motion_adds_up():
     start, *more = drive_poses(4)
     creep = [Pose(start.rotation, start.centre + np.array([0, 0, 0.4 * i])) for i in range(6)]
     scene = Scene([start, *more])
-    images = [scene.image(pose) for pose in creep]
-    found = motions(images, pose=told(creep))
+    found = motions([scene.image(pose) for pose in creep], pose=told(creep))
     used = [i for i, motion in enumerate(found) if motion is not None]
     assert 1 < len(used) < 6
     assert found[used[-1]].station_m == pytest.approx(0.4 * used[-1], abs=0.05)

@@ -78,8 +78,7 @@ def test_the_posts_of_a_panel_are_counted_and_measured(size, places, width, lean
 
 def test_a_trunk_far_from_the_middle_is_no_post_and_nothing_is_measured_where_none_is_seen():
     size = (0.75, 0.9)
-    trunk = [[polygon(0.35, 0.0, 0.5, 3.0, (30, 30, 30))]]
-    views = registered(size, trunk)
+    views = registered(size, [[polygon(0.35, 0.0, 0.5, 3.0, (30, 30, 30))]])
     assert measure_posts(views, views.box, 1.8, MODEL) == Posts()
     assert measure_posts(views, views.box, 0.4, MODEL) == Posts()  # low
 

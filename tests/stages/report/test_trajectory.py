@@ -63,8 +63,7 @@ def test_a_standing_point_moves_away_from_the_focus_of_expansion_as_its_depth_sa
 
 def test_displacements_are_those_of_a_step_of_26_4_feet():
     assert pytest.approx(26.4 * 0.3048) == STEP_M
-    rays = np.array([[0.1, 0.0], [0.12, 0.01]])
-    short = trajectory_of(rays, moved_by(0, 0.5))
+    short = trajectory_of(np.array([[0.1, 0.0], [0.12, 0.01]]), moved_by(0, 0.5))
     np.testing.assert_allclose(short[0, 0, 2:], [0.04, 0.02])
 
 

@@ -238,8 +238,7 @@ def test_a_lens_is_undone_and_what_lies_outside_is_not_sampled():
 
 
 def test_lines_are_found_with_the_part_that_is_painted():
-    rng = np.random.default_rng(2)
-    strip = rng.normal(100, 4, (400, 32)).astype(np.float32)
+    strip = np.random.default_rng(2).normal(100, 4, (400, 32)).astype(np.float32)
     strip[97:103] += 60  # solid
     strip[247:253, :10] += 60  # a dash
     strip[300:] += 60  # pavement, no line
@@ -255,8 +254,7 @@ def test_lines_are_found_with_the_part_that_is_painted():
 def test_straight_ground_has_no_breaks_and_a_curb_or_shoulder_one():
     at = np.arange(13.0)
     sigma = np.full(13, 0.03)
-    rng = np.random.default_rng(0)
-    plain = -0.02 * at + rng.normal(0, 0.03, 13)
+    plain = -0.02 * at + np.random.default_rng(0).normal(0, 0.03, 13)
     assert breaks_of(at, plain, sigma) == Roadside()
     found = breaks_of(at, plain - 0.2 * np.maximum(at - 4.5, 0), sigma)
     assert found.shoulder_m == pytest.approx(4.5, abs=0.5)
