@@ -38,11 +38,8 @@ def pins():
     )
 
 
-@pytest.fixture(scope="module")
-def packed(tmp_path_factory):
-    """Names of the files of a wheel."""
-    out = tmp_path_factory.mktemp("wheel")
-    source = out / "source"
+def test_a_wheel_holds_every_file_of_the_package_and_no_other(tmp_path):
+    source = tmp_path / "source"
     left_out = shutil.ignore_patterns(".*", "__pycache__", "build", "*.egg-info", *LAYERS)
     shutil.copytree(ROOT / "wayside", source / "wayside", ignore=left_out)
     for name in LAYERS + OUTSIDE:
@@ -51,13 +48,10 @@ def packed(tmp_path_factory):
         )
     for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, source)
-    build = f"from setuptools.build_meta import build_wheel; build_wheel({str(out)!r})"
+    build = f"from setuptools.build_meta import build_wheel; build_wheel({str(tmp_path)!r})"
     subprocess.run([sys.executable, "-c", build], cwd=source, check=True, capture_output=True)
-    with zipfile.ZipFile(next(out.glob("*.whl"))) as archive:
-        return set(archive.namelist())
-
-
-def test_a_wheel_holds_every_file_of_the_package_and_no_other(packed):
+    with zipfile.ZipFile(next(tmp_path.glob("*.whl"))) as archive:
+        packed = archive.namelist()
     wanted = {
         f"{prefix}{path.relative_to(ROOT)}"
         for layer, prefix in (("wayside", ""), *((layer, "wayside/") for layer in LAYERS))

@@ -24,17 +24,6 @@ def networks(torch):
     return networks
 
 
-@pytest.fixture
-def batch(torch):
-    """Targets of two crops with a yellow square of 32 px in the middle of each."""
-    rgb = np.full((CROP_PX, CROP_PX, 3), 80, np.uint8)
-    rgb[112:144, 112:144] = (250, 200, 20)
-    face = ([112, 112, 144, 144], FRONT, "yellow", "rectangle")
-    crop = targets(LabelledImage.of(("set", "one"), rgb, [face]))
-    held = {one.name: np.stack([getattr(crop, one.name)] * 2) for one in fields(crop)}
-    return tensors(torch, held)
-
-
 def test_maps_are_a_quarter_of_the_image_and_start_with_few_faces(torch, networks):
     rgb = torch.randint(0, 256, (1, 64, 128, 3), dtype=torch.uint8)
     with torch.no_grad():
@@ -44,8 +33,14 @@ def test_maps_are_a_quarter_of_the_image_and_start_with_few_faces(torch, network
 
 
 def test_a_cell_that_may_show_a_sign_without_a_box_counts_less_where_the_network_sees_one(
-    torch, networks, batch
+    torch, networks
 ):
+    rgb = np.full((CROP_PX, CROP_PX, 3), 80, np.uint8)
+    rgb[112:144, 112:144] = (250, 200, 20)
+    face = ([112, 112, 144, 144], FRONT, "yellow", "rectangle")
+    crop = targets(LabelledImage.of(("set", "one"), rgb, [face]))
+    two = {one.name: np.stack([getattr(crop, one.name)] * 2) for one in fields(crop)}
+    batch = tensors(torch, two)
     maps = torch.zeros(2, MAPS, CELLS_WIDE, CELLS_WIDE)
     heat = {}
     for doubt in (KNOWN, UNSURE, UNKNOWN):

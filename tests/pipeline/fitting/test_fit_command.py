@@ -96,28 +96,20 @@ def test_samples_that_a_run_has_chosen_are_told(pictures, tmp_path):
         assert ("no image is complete" in format_fit([], drives, tmp_path)) == told
 
 
-@pytest.fixture(scope="module")
-def foreign(pictures):
-    """The same labels as a file of COCO and what its class means."""
-    labels = pictures[1]
+def test_figures_and_curves_of_foreign_labels_stand_beside_the_models(pictures, tmp_path):
+    known = read_labels(pictures[1]).labels
     images = [
         {"id": k, "file_name": f"road_{k}.png", "width": WIDTH, "height": HEIGHT} for k in range(12)
     ]
-    boxes = [one.box for one in read_labels(labels).labels]
     found = [
         {"image_id": k, "category_id": 1, "bbox": [x0, y0, x1 - x0, y1 - y0], "id": k}
-        for k, (x0, y0, x1, y1) in enumerate(boxes)
+        for k, (x0, y0, x1, y1) in enumerate(one.box for one in known)
     ]
     kinds = [{"id": 1, "name": "info"}]
     coco = {"images": images, "annotations": found, "categories": kinds}
-    file, classes = labels.with_suffix(".json"), labels.with_suffix(".toml")
-    file.write_text(json.dumps(coco))
+    labels, classes = tmp_path / "coco.json", tmp_path / "classes.toml"
+    labels.write_text(json.dumps(coco))
     classes.write_text('[classes]\ninfo = { color = "blue", shape = "rectangle" }\n')
-    return file, classes
-
-
-def test_figures_and_curves_of_foreign_labels_stand_beside_the_models(pictures, foreign, tmp_path):
-    labels, classes = foreign
     where = ["--classes", classes, "--images", pictures[0], "-o", tmp_path]
     assert "color.json written" in fit(labels, *where, "--model", "color", "--space", "lab")
     figures = json.loads((tmp_path / "fit.json").read_text())

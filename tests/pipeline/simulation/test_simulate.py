@@ -27,9 +27,9 @@ def small():
     return simulate(SMALL)
 
 
-@pytest.fixture(scope="module")
-def many():
-    """More than 500 signs: straight and curved, with hills, dropped triggers and outliers; spacing or poses given."""
+@pytest.mark.slow
+def test_nearly_all_are_placed_near_the_bound_and_within_the_sigmas_as_often_as_they_should():
+    """Of normal errors 68 % lie within one sigma and 95 % within two."""
     bent = {"curve_radius_m": 300, "hill_m": 6, "jitter_deg": 0.25, "mount_yaw_deg": 0.9}
     surveys = [
         Survey(signs=180, seed=11),
@@ -37,12 +37,7 @@ def many():
         Survey(signs=120, seed=13, pose_m=0.02),
         Survey(signs=120, seed=14, noise_px=0.8, lateral_m=-5.0, drop_rate=0.03, outliers=0.02),
     ]
-    return [simulate(survey) for survey in surveys]
-
-
-@pytest.mark.slow
-def test_nearly_all_are_placed_near_the_bound_and_within_the_sigmas_as_often_as_they_should(many):
-    """Of normal errors 68 % lie within one sigma and 95 % within two."""
+    many = [simulate(survey) for survey in surveys]
     count = sum(len(one.error) for one in many)
     assert count >= max(500, 0.98 * sum(one.wanted for one in many))
     pulls = np.abs(np.concatenate([one.error / one.sigma for one in many]))
