@@ -229,8 +229,7 @@ def calibrate(
             )
         square_m = math.nan if square is None else parse_length(square, "--square")
         how = {"model": given["model"] or "plumb_bob", "coverage": given["coverage"]} | kept
-        report = calibrate_by_boards(paths, parse_board(board, square_m), **how)
-        typer.echo(visible_lines(report))
+        typer.echo(visible_lines(calibrate_by_boards(paths, parse_board(board, square_m), **how)))
         return
     if folder := next((path for path in paths if path.is_dir() and not is_bag(path)), None):
         raise UsageError(

@@ -101,8 +101,7 @@ def _run_of(out: Path) -> dict[str, Any]:
 
 def other_log(out: Path, truth: Path) -> str | None:
     """That the truth states to be of another log than the result is of, in words; None where it does not."""
-    facts = _read_truth(truth)
-    logs = facts.get("log", ""), _run_of(out).get("log", "")
+    logs = _read_truth(truth).get("log", ""), _run_of(out).get("log", "")
     of_truth, of_run = (Path(str(one)).stem for one in logs)
     if not of_truth or not of_run or of_truth == of_run:
         return None
@@ -114,8 +113,7 @@ def write_evaluation(evaluation: Evaluation, file: Path, *, overwrite: bool = Fa
 
     Raises OutputError where the file cannot be written, or something else has its name.
     """
-    content = evaluation.to_json()
-    write_json(file, content, ("wanted", "found_count", "false"), overwrite=overwrite)
+    write_json(file, evaluation.to_json(), ("wanted", "found_count", "false"), overwrite=overwrite)
 
 
 def format_evaluation(evaluation: Evaluation) -> str:

@@ -141,8 +141,7 @@ def _grounds_below(out: Path, signs: Sequence[dict[str, Any]]) -> list[float | N
     found: list[float | None] = []
     for sign in signs:
         place = np.array([sign["station_m"], sign["lateral_m"]], np.float64)  # nan: not known
-        away = strips[:, :2] - place
-        weight = np.maximum(1 - np.abs(away) / _STRIP_M, 0.0).prod(axis=1)
+        weight = np.maximum(1 - np.abs(strips[:, :2] - place) / _STRIP_M, 0.0).prod(axis=1)
         known = weight.sum() >= _LEAST_KNOWN
         found.append(float(weight @ strips[:, 2] / weight.sum()) if known else None)
     return found

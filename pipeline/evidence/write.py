@@ -148,8 +148,7 @@ class _Binder:
         crops = self.crops.pop(evidence.name, {})
         self.lost_views += len(evidence.views) - len(crops)
         about = (evidence, crops, self.drive, self.run)
-        beside = self.neighbours.get(evidence.name, {})
-        page = format_sheet(*about, self.mark, beside, self.units)
+        page = format_sheet(*about, self.mark, self.neighbours.get(evidence.name, {}), self.units)
         _write(self.folder / f"{evidence.name}.html", page.encode())
         if self.png:
             png = marked_png(draw_sheet(*about, self.units), self.mark)

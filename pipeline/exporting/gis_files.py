@@ -184,8 +184,7 @@ def _options(kind: str, crs: str, last: datetime) -> dict[str, str]:
         "gpkg": {"VERSION": "1.2"},  # GDAL before 3.7, also that of QGIS 3.22, warns of later ones
         "shp": {"ENCODING": "UTF-8", "DBF_DATE_LAST_UPDATE": f"{last:%Y-%m-%d}"},
     }
-    driver = {"driver": _DRIVERS[kind]}
-    return driver | (places if kind != "xlsx" else {}) | more.get(kind, {})
+    return {"driver": _DRIVERS[kind]} | (places if kind != "xlsx" else {}) | more.get(kind, {})
 
 
 def _guarded(name: str, row: Row) -> str | None:

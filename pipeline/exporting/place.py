@@ -178,8 +178,7 @@ def imperial_column(column: Column) -> tuple[Column, float]:
     unit = "in" if column.name in _INCHES else "ft"
     factor = (12 if unit == "in" else 1) / METRES_IN_FOOT
     unit += "^2" if power == 2 else ""
-    name = f"{_stem(column)}_{_suffix(unit)}"
-    return replace(column, name=name, unit=unit), factor**power
+    return replace(column, name=f"{_stem(column)}_{_suffix(unit)}", unit=unit), factor**power
 
 
 def short_names(columns: Iterable[Column]) -> dict[str, str]:

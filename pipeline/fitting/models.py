@@ -264,8 +264,7 @@ def _carried(one: GaussianClass, space: str) -> GaussianClass:
     one = replace(one, count=1)
     if space not in COLOR_SPACES:
         return one
-    random = np.random.default_rng(fits.SEED)
-    drawn = random.multivariate_normal(one.mean, one.covariance, DRAWS)
+    drawn = np.random.default_rng(fits.SEED).multivariate_normal(one.mean, one.covariance, DRAWS)
     values = color_features(np.clip(drawn, 0, 255), space)
     return replace(one, mean=values.mean(axis=0), covariance=np.cov(values.T))
 

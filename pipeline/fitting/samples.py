@@ -149,8 +149,7 @@ def _by_frame(labels: Labels, path: Path, settings: ReadSettings) -> tuple[bool,
 
 
 def _every_image(settings: ReadSettings) -> ReadSettings:
-    spacing = settings.spacing_m or ANY_SPACING_M
-    return replace(settings, thin_m=0.0, every=1, spacing_m=spacing)
+    return replace(settings, thin_m=0.0, every=1, spacing_m=settings.spacing_m or ANY_SPACING_M)
 
 
 def _files(folder: Path) -> list[Path]:

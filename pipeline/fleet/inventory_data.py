@@ -154,8 +154,7 @@ def read_signs(folder: Path, frames: DriveFrames, settings: MergeSettings) -> Dr
         size_m=_matrix(table, "panel_width_m", "panel_height_m"),
         size_sigma_m=_matrix(table, "sigma_width_m", "sigma_height_m"),
     )
-    cell = cells(geodetic, settings.cell_zoom)
-    return DriveSigns(folder.name, table, geodetic, sightings, cell)
+    return DriveSigns(folder.name, table, geodetic, sightings, cells(geodetic, settings.cell_zoom))
 
 
 def cells(geodetic: Floats, zoom: int) -> Ints:

@@ -69,8 +69,7 @@ def place_frames(folder: Path, table: pa.Table) -> pa.Table:
         off = travel - np.arctan2(ahead[:, 1], ahead[:, 0])
         heading[known] = (90 * sense + np.degrees(off)) % 360
     places = route.places(along, np.zeros(len(table)))
-    columns = {"alt_m": np.full(len(table), height), "heading_deg": heading}
-    return _with(table, places, columns)
+    return _with(table, places, {"alt_m": np.full(len(table), height), "heading_deg": heading})
 
 
 def place_signs(folder: Path, table: pa.Table) -> pa.Table:
@@ -130,8 +129,7 @@ def _by_milepost(
 
 def column_of(table: pa.Table, name: str) -> Array:
     """A column as numbers (n,), null as nan."""
-    numbers = table[name].cast(pa.float64()).to_numpy(zero_copy_only=False)
-    return np.asarray(numbers, np.float64)
+    return np.asarray(table[name].cast(pa.float64()).to_numpy(zero_copy_only=False), np.float64)
 
 
 def _with(table: pa.Table, places: Array, columns: dict[str, Array]) -> pa.Table:

@@ -254,8 +254,7 @@ def _yolo_line(line: str, size: tuple[int, int], points: int) -> tuple[int, Box,
         raise ValueError(f"class {number} is not a whole number")
     (x0, y0, x1, y1), corners = _yolo_outline(values, points)
     w, h = size
-    polygon = tuple((x * w, y * h) for x, y in corners)
-    return int(number), (x0 * w, y0 * h, x1 * w, y1 * h), polygon
+    return int(number), (x0 * w, y0 * h, x1 * w, y1 * h), tuple((x * w, y * h) for x, y in corners)
 
 
 def _yolo_outline(values: Sequence[float], points: int) -> tuple[Box, Polygon]:

@@ -232,8 +232,7 @@ def _curves_of(
             rows = ~on | (own.kind == one.name) if has_classes else likeliest == j
             yield curve(one.name, ratio[:, j], model.threshold, unit, rows)
     elif classifier == "confidence":
-        least = models.sign_confidence(settings.locate.confidence)
-        yield curve(ALL, value, least, "probability")
+        yield curve(ALL, value, models.sign_confidence(settings.locate.confidence), "probability")
     else:
         learned, unit = {
             "detector": (models.front_scores, "log odds"),

@@ -105,8 +105,7 @@ def new_axes(
 ) -> Axes:
     """Empty axes over ranges of x and y in a figure of a size in pixels; equal: both in one scale."""
     with matplotlib.rc_context(_STYLE):
-        sheet = Sheet((size[0] / _PER_INCH, size[1] / _PER_INCH), layout="constrained")
-        axes = sheet.subplots()
+        axes = Sheet((size[0] / _PER_INCH, size[1] / _PER_INCH), layout="constrained").subplots()
         axes.set(xlim=x, ylim=y, xlabel=labels[0], ylabel=labels[1])
         if equal:
             axes.set_aspect("equal", adjustable="box")

@@ -135,8 +135,7 @@ def import_images(
 def _describe(writer: Writer, timed: dict[str, ImageFile], spacing_m: float | None) -> None:
     """The metadata of a log: the distance between images, and name and date of each by its time in the log."""
     if spacing_m is not None:
-        about = {SPACING_KEY: repr(spacing_m), BY_NUMBER_KEY: "yes"}
-        writer.add_metadata(METADATA_NAME, about)
+        writer.add_metadata(METADATA_NAME, {SPACING_KEY: repr(spacing_m), BY_NUMBER_KEY: "yes"})
     writer.add_metadata(NAMES_METADATA, {time: image.path.name for time, image in timed.items()})
     if dates := {time: one.exif.date for time, one in timed.items() if one.exif.date}:
         writer.add_metadata(DATES_METADATA, dates)

@@ -66,8 +66,7 @@ def load_detector(settings: ModelSettings) -> DetectorFile:
             ) from error
     signs = None
     if settings.classes:
-        classes = read_class_map(Path(settings.classes))
-        signs = numbered(classes, names, str(path), complete=True)
+        signs = numbered(read_class_map(Path(settings.classes)), names, str(path), complete=True)
     onnx = OnnxFile(str(path), sha256(data).hexdigest())
     return DetectorFile(onnx, form, input_size, image.name, size_input, network.outputs, signs)
 

@@ -60,8 +60,7 @@ def _lag_s(
     """
     if not steps:
         return 0.0
-    place = np.argsort(order)
-    pairs = place[[(step.first, step.second) for step in steps]]
+    pairs = np.argsort(order)[[(step.first, step.second) for step in steps]]
     shown = _angles_deg(np.array([step.rotation for step in steps]))
     seconds = (time_ns[order] - time_ns[order[0]]) * 1e-9
     each_s = max(float(seconds[-1]) / max(len(order) - 1, 1), _FURTHEST_LAG_S / 200)

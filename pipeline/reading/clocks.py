@@ -109,8 +109,7 @@ def _run_alike(log_ns: Integers, header_ns: Integers) -> bool:
     moved = (ahead > 0) & (passed > 0)
     if not moved.any():
         return True
-    rate = float(np.median(ahead[moved] / passed[moved]))
-    return 1 / _SAME_RATE < rate < _SAME_RATE
+    return 1 / _SAME_RATE < float(np.median(ahead[moved] / passed[moved])) < _SAME_RATE
 
 
 def _overlaps(time_ns: Integers) -> bool:

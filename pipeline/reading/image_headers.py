@@ -103,8 +103,7 @@ def read_exif(data: bytes | memoryview) -> Exif:
     date = taken or _iso_date(tags.get(Base.DateTime))
     fraction = f".{_text(tags.get(Base.SubsecTimeOriginal))}"
     time = _time_of(taken, fraction, _text(tags.get(Base.OffsetTimeOriginal)))
-    turned = _TURNED.get(tags.get(Base.Orientation, 1), "")
-    return Exif(turned, date, time, _place_of(satellites))
+    return Exif(_TURNED.get(tags.get(Base.Orientation, 1), ""), date, time, _place_of(satellites))
 
 
 def refuse_turned(what: str, exif: Exif) -> None:

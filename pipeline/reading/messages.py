@@ -173,8 +173,7 @@ def odometry(message: Any, _: memoryview) -> list[PoseContent]:
     if len(message.pose.covariance) == 36:
         variances = [float(variance) for variance in message.pose.covariance[::7]]
         sigma_m, sigma_rad = _sigma(variances[:3]), _sigma(variances[3:])
-    inner = message.pose.pose
-    return [_pose(message, inner, _text(message.child_frame_id), sigma_m, sigma_rad)]
+    return [_pose(message, message.pose.pose, _text(message.child_frame_id), sigma_m, sigma_rad)]
 
 
 def fix(message: Any, _: memoryview) -> list[FixContent]:

@@ -63,8 +63,7 @@ class Plan:
 
     def camera_of(self, content: CalibrationContent) -> Camera | None:
         """The camera that a calibration makes of the images, or None."""
-        rectified = is_rectified(self.camera.name)
-        return content.camera_for(self.camera.image_size, rectified=rectified)
+        return content.camera_for(self.camera.image_size, rectified=is_rectified(self.camera.name))
 
 
 def check_settings(settings: ReadSettings) -> None:

@@ -257,8 +257,7 @@ class TransformTree:
             if edge.moves:
                 return None
             value = edge.values()[0]
-            rotation = Rotation.from_quat(value[3:7]).as_matrix()
-            total = Pose(rotation, value[:3]).compose(total)
+            total = Pose(Rotation.from_quat(value[3:7]).as_matrix(), value[:3]).compose(total)
         return total
 
 

@@ -272,8 +272,7 @@ def _fixes(plan: Plan, timeline: Timeline) -> Interpolated | None:
     if plan.fixes is None:
         return None
     words = f"fixes of {shortened(plan.fixes.name)}"
-    positions = plan.survey.positions[plan.fixes.name, ""]
-    found = _at_images(positions, words, timeline, earth=True)
+    found = _at_images(plan.survey.positions[plan.fixes.name, ""], words, timeline, earth=True)
     if found is not None and found.known.sum() == 1:
         timeline.notes.append(f"the {words} are left out: only one image has one near its time")
         return None

@@ -207,8 +207,7 @@ def decoded_images(
     """Images with their rows, in the order given; those without pixels are not used."""
     for row, message in image_messages(plan.survey, plan.camera.name, rows, ScanReport()):
         status, content = images.image(message, cameras[row])
-        frame = replace(frame_of(content), status=status, camera=cameras[row])
-        (image,) = decode(iter([frame]))
+        (image,) = decode(iter([replace(frame_of(content), status=status, camera=cameras[row])]))
         yield row, image
 
 

@@ -76,8 +76,7 @@ def report_threshold(alpha: float) -> float:
 
 def report_power(threshold: float) -> float:
     """Power of a threshold on the red, by eq. 9.8, cut to 0 to 1: 0.9967 at 167.73."""
-    power = 6.4555e-8 * (15495907.18 - np.exp(threshold / REPORT_GROWTH))
-    return float(np.clip(power, 0.0, 1.0))
+    return float(np.clip(6.4555e-8 * (15495907.18 - np.exp(threshold / REPORT_GROWTH)), 0.0, 1.0))
 
 
 REPORT_GREEN, NEAR = 0.018, 0.1
@@ -113,8 +112,7 @@ def neyman_pearson_figures(drive: Drive) -> Iterator[Figure]:
 
 def color_curves(drive: Drive) -> dict[str, RocCurve]:
     """The ROC curve of each colour that has signs and others."""
-    samples = {"color": drive.samples["color"].known()}
-    found = roc_curves(samples, drive.settings, drive.models)
+    found = roc_curves({"color": drive.samples["color"].known()}, drive.settings, drive.models)
     return {one.name: one for one in found if one.name != ALL and one.two_sided}
 
 

@@ -140,8 +140,7 @@ class Drive:
         on = np.flatnonzero(label == ON)
         regions, face = regions.select(on), face[on]
         outlines = outlines_of(item.segmentation, regions)
-        features = fourier_descriptors(outlines)
-        code, distance, ratio = nearest_class(features, self.shapes, SHAPES)
+        code, distance, ratio = nearest_class(fourier_descriptors(outlines), self.shapes, SHAPES)
         for i in np.flatnonzero(code >= 0):
             yield FaceOutline(
                 frame,

@@ -219,8 +219,7 @@ def _drawn(images: Images, outlines: Sequence[FaceOutline]) -> Picture:
         curves = {name: curve_of_terms(one.sequence[None], CURVES[name])[0] for name in CURVES}
         lines = [(v, OUTLINE_INKS[k]) for k, v in ({"traced": one.sequence} | curves).items()]
         crops.append(lined(rgb, around(one.box, rgb.shape[:2], times=1.5, least=24), _TALL, lines))
-    words = "white: traced; orange: circle; blue: ellipse; pink: six terms"
-    return photo(beside(crops), words)
+    return photo(beside(crops), "white: traced; orange: circle; blue: ellipse; pink: six terms")
 
 
 def _told(drive: Drive, outlines: Sequence[FaceOutline]) -> str:

@@ -83,8 +83,7 @@ def _undistorted(found: CalibratedImages) -> Iterator[Picture]:
     for page, corners, when in ((bent, seen, "before"), (flat, straight, "after")):
         rows = corners.reshape(board.rows, board.columns, 2)
         cv2.polylines(page, list(np.rint(rows).astype(np.int32)), False, ACCENT, 2, cv2.LINE_AA)
-        words = f"{path.name} {when} undistortion"
-        yield photo(page[..., ::-1], words, IMAGE_WIDE)
+        yield photo(page[..., ::-1], f"{path.name} {when} undistortion", IMAGE_WIDE)
 
 
 def _trajectories(drive: Drive) -> Iterator[Figure]:
@@ -279,8 +278,7 @@ def result_figures(drive: Drive) -> Iterator[Figure]:
 
 def _claim(drive: Drive, judged: dict[int, int]) -> Figure:
     """Of the labelled panels that are seen large and whole in enough images, how many are found."""
-    seen = np.bincount(drive.faces.sign[drive.faces.example])
-    wanted = np.flatnonzero(seen >= FEWEST_FRAMES)
+    wanted = np.flatnonzero(np.bincount(drive.faces.sign[drive.faces.example]) >= FEWEST_FRAMES)
     faces, reported = drive.faces, [view for one in drive.signs for view in one.views]
     rows = np.flatnonzero(faces.example & np.isin(faces.sign, wanted))
     pairs = [(row, view) for row in rows for view in reported if view.frame == faces.frame[row]]

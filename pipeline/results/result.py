@@ -132,8 +132,7 @@ def read_run(out: Path) -> dict[str, Any]:
 def result_name(run: Mapping[str, Any]) -> str:
     """What tells the signs of one result from those of another run: the start of the digest of their table."""
     stated = run.get("files", {}).get(SIGNS.file)
-    digest = stated.get("sha256", "") if isinstance(stated, dict) else ""
-    return str(digest)[:16]
+    return str(stated.get("sha256", "") if isinstance(stated, dict) else "")[:16]
 
 
 def read_settings(out: Path, run: dict[str, Any]) -> ReadSettings:

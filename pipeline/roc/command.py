@@ -189,8 +189,7 @@ def _columns(table: Table, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 def draw_curves(classifier: str, drawn: Sequence[RocCurve]) -> bytes:
     """PNG: TPR against FPR of each class, the band of the first; ring: knee, dot: threshold of the run."""
-    height = max(660, 130 + 42 * len(drawn))
-    axes = page.new_axes((0, 1), (0, 1), page.RATES, (1160, height))
+    axes = page.new_axes((0, 1), (0, 1), page.RATES, (1160, max(660, 130 + 42 * len(drawn))))
     axes.set_title(f"ROC of {classifier}", loc="left", color=page.TEXT)
     axes.set_box_aspect(1)
     page.draw_band(axes, drawn[0])

@@ -85,8 +85,7 @@ def point_bound(
         diagonal = np.tile([pose_sigma[1] ** -2] * 3 + [pose_sigma[0] ** -2] * 3, n)
         information[np.arange(6 * n), np.arange(6 * n)] += diagonal
     report = _local_rows(rotations[best], centres[best], point, best, n)[:, keep]
-    solved = np.linalg.solve(information[np.ix_(keep, keep)], report.T)
-    return np.asarray(report @ solved)
+    return np.asarray(report @ np.linalg.solve(information[np.ix_(keep, keep)], report.T))
 
 
 def _local_rows(rotation: Array, centre: Array, point: Array, frame: int, n: int) -> Array:

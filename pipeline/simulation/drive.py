@@ -119,8 +119,7 @@ class PanelObservations:
             np.zeros(count, np.uint8),
         )
         score = np.full(count, SURE, np.float32)
-        found = Candidates.of(regions)
-        return replace(found, center=self.centre, ideal=self.centre, score=score)
+        return replace(Candidates.of(regions), center=self.centre, ideal=self.centre, score=score)
 
 
 class SimulatedDrive:
@@ -202,8 +201,7 @@ class SimulatedDrive:
         heading = station / self.survey.curve_radius_m
         wave = 2 * np.pi / HILL_M
         slope = self.survey.hill_m / 2 * wave * np.cos(wave * station)
-        zero = np.zeros_like(station)
-        right = np.column_stack([np.cos(heading), zero, -np.sin(heading)])
+        right = np.column_stack([np.cos(heading), np.zeros_like(station), -np.sin(heading)])
         ahead = np.column_stack([np.sin(heading), -slope, np.cos(heading)])
         ahead /= np.linalg.norm(ahead, axis=1)[:, None]
         return right, np.cross(ahead, right), ahead
@@ -231,8 +229,7 @@ class SimulatedDrive:
 
     def _inside(self, local: Array) -> NDArray[np.bool_]:
         """Whether points in the camera's frame (n, 3) are far enough ahead and in the image."""
-        z = np.maximum(local[:, 2], 1e-3)
-        uv = local[:, :2] / z[:, None] * self.camera.fx + self._middle
+        uv = local[:, :2] / np.maximum(local[:, 2], 1e-3)[:, None] * self.camera.fx + self._middle
         within = (uv >= 0) & (uv <= [self.survey.width - 1, self.survey.height - 1])
         return np.asarray((local[:, 2] > LEAST_DEPTH_M) & within.all(axis=1))
 

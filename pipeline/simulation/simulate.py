@@ -94,8 +94,7 @@ def simulate(
     # the stated sigmas include the errors that the survey has
     noise = (max(survey.noise_px, LEAST_SIGMA_PX), survey.noise_share)
     found: dict[int, Landmark] = {}
-    posed = drive.posed(MotionSettings())
-    settled_frames = track(posed, settings, jointly=True, box_sigma=noise)
+    settled_frames = track(drive.posed(MotionSettings()), settings, jointly=True, box_sigma=noise)
     for done, settled in enumerate(settled_frames, 1):
         watch(done, len(drive.poses))
         for place in settled.landmarks:

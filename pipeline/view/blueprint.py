@@ -143,8 +143,7 @@ def _space(
 
 def _plot(origin: str, name: str) -> rrb.TimeSeriesView:
     """A plot without a legend, which would lie on the curves; names show under the pointer."""
-    legend = rrb.PlotLegend(visible=False)
-    return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=legend)
+    return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=rrb.PlotLegend(visible=False))
 
 
 def _laid_out(

@@ -110,8 +110,7 @@ def _table_and_map(inventory: WrittenTables) -> Iterator[Entity]:
     if signs:
         places = [(row["lat_deg"], row["lon_deg"]) for row in signs]
         inks = [landmark_color(landmark) for landmark in landmarks]
-        points = rr.GeoPoints(lat_lon=places, colors=inks, radii=MARK)
-        yield Entity(f"{at.MAP}/signs", points)
+        yield Entity(f"{at.MAP}/signs", rr.GeoPoints(lat_lon=places, colors=inks, radii=MARK))
 
 
 def _ground(inventory: WrittenTables, state: ViewState) -> Iterator[Entity]:

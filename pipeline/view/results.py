@@ -88,8 +88,7 @@ def _richest(out: Path, frames: Iterable[int]) -> int:
     """The first frame that lies in the spans of most signs; the first of all where there are none."""
     signs = read_rows(out, SIGNS, ["first_frame", "last_frame"])
     spans = [(row["first_frame"], row["last_frame"]) for row in signs]
-    ordered = sorted(frames)
-    return max(ordered, key=lambda f: sum(a <= f <= b for a, b in spans), default=0)
+    return max(sorted(frames), key=lambda f: sum(a <= f <= b for a, b in spans), default=0)
 
 
 def recordings_of(out: Path, log: Path | None) -> Recordings:
