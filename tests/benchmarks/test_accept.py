@@ -54,8 +54,7 @@ def test_a_drive_is_run_once_more_by_models_learned_without_it(accept, monkeypat
     (tmp_path / "city").mkdir()
     drives = [accept.BenchmarkDrive(name, Path(), Path(), "") for name in ("road", "city")]
     asked = {p: list(accept.with_models_without(drives, p)) for p in ("default", "report")}
-    names = [one.name for one in asked["default"]]
-    assert names == ["road", "city", "city, models without it"]
+    assert [one.name for one in asked["default"]] == ["road", "city", "city, models without it"]
     assert [one.models for one in asked["default"]] == [None, None, tmp_path / "city"]
     assert asked["report"] == drives
 

@@ -32,8 +32,7 @@ def test_a_stripped_log_keeps_the_kinds_asked_for(runs, tmp_path):
         writer.start()
         for name in ("foxglove.CompressedImage", "foxglove.PoseInFrame", "foxglove.LocationFix"):
             schema = writer.register_schema(name, "jsonschema", b"{}")
-            channel = writer.register_channel(f"/{name}", "json", schema)
-            writer.add_message(channel, 1, b"{}", 1)
+            writer.add_message(writer.register_channel(f"/{name}", "json", schema), 1, b"{}", 1)
         writer.finish()
     for keep, left in ((runs.NOTHING_ELSE, 1), (runs.FIXES, 2)):
         runs.strip(full, part, keep)
@@ -83,5 +82,4 @@ def test_points_on_a_face_have_no_error(runs):
     pixel = on_face[:2] / on_face[2] * 1400 + [799.5, 599.5]
     model = {"seen": np.array([[3, *pixel]]), "points": true[3].to_world(on_face)[None]}
     one = runs.Run("made up", runs.SPACING_ONLY, Path(), facts, 0.0)
-    errors = runs.peer_signs(one, model, true, 1.0)
-    assert errors == pytest.approx(np.zeros((1, 3)), abs=1e-9)
+    assert runs.peer_signs(one, model, true, 1.0) == pytest.approx(np.zeros((1, 3)), abs=1e-9)

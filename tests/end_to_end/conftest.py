@@ -39,14 +39,12 @@ class Result:
 
 def run_log_file(log, folder, *options):
     """Run a log with those options into the folder, in this process, and read the result."""
-    status = app(["run", str(log), "-o", str(folder), *options], standalone_mode=False)
-    assert not status
+    assert not app(["run", str(log), "-o", str(folder), *options], standalone_mode=False)
     signs, observations, frames = (
         pq.read_table(folder / f"{name}.parquet").to_pylist()
         for name in ("signs", "observations", "frames")
     )
-    about = json.loads((folder / "run.json").read_text())
-    return Result(signs, observations, frames, about)
+    return Result(signs, observations, frames, json.loads((folder / "run.json").read_text()))
 
 
 def _as_seen(content, image):

@@ -41,8 +41,7 @@ def test_boxes_of_the_truth_give_all_signs_and_no_other(inventory, truth):
     assert max(abs(error) for match in found.found for error in match.error_m) < 0.1
     assert {row["status"] for row in signs} == {"sign"}
     assert found.class_right("color") == found.class_right("shape") == 1.0  # by the networks
-    scores = [row["confidence"] for row in signs]
-    assert scores == pytest.approx([SCORE] * len(signs), abs=1e-5)
+    assert [row["confidence"] for row in signs] == pytest.approx([SCORE] * len(signs), abs=1e-5)
 
 
 def test_every_box_is_a_candidate_or_counted(inventory, true_boxes, parquet):

@@ -111,8 +111,7 @@ def test_the_type_of_ros_says_the_same(tmp_path):
         for number, data in enumerate(encode(shown, WITHOUT_B)):
             time = START + number * STEP
             stamp = store.types["builtin_interfaces/msg/Time"](*divmod(time, 10**9))
-            array = np.frombuffer(data, np.uint8)
-            message = store.types[name](stamp, "camera", array, "h264")
+            message = store.types[name](stamp, "camera", np.frombuffer(data, np.uint8), "h264")
             writer.add_message(channel, time, store.serialize_cdr(message, name), time)
         writer.finish()
     camera = Camera(WIDTH, HEIGHT, 200.0, 200.0, 80.0, 60.0)
@@ -137,8 +136,7 @@ def test_nothing_is_shown_before_the_first_key_frame_and_that_is_counted(tmp_pat
 def test_behind_a_missing_picture_nothing_is_shown_up_to_the_next_key_frame(tmp_path, lost):
     """A decoder goes on without a word; the pictures that it makes are wrong."""
     shown = images(3 * GROUP)
-    log = write_log(tmp_path / "a.mcap", encode(shown, WITHOUT_B), missing=[lost])
-    frames, _ = read(log)
+    frames, _ = read(write_log(tmp_path / "a.mcap", encode(shown, WITHOUT_B), missing=[lost]))
     numbers = [n for n in range(3 * GROUP) if n != lost]
     following = range(lost, (lost // GROUP + 1) * GROUP)
     for number, frame in zip(numbers, frames, strict=True):

@@ -79,8 +79,7 @@ def make_log(log, images):
             image = cv2.imencode(".png", image[..., ::-1])[1].tobytes()
         (source / f"{number:03d}.png").write_bytes(image)
     calibration = log.with_suffix(".yaml")
-    camera = Camera(160, 120, 150.0, 150.0, 80.0, 60.0)
-    calibration.write_text(format_camera(camera, "camera"))
+    calibration.write_text(format_camera(Camera(160, 120, 150.0, 150.0, 80.0, 60.0), "camera"))
     import_images([source], calibration, log, ImportOptions(8.0))
     return log
 

@@ -28,8 +28,7 @@ def out(tmp_path, log):
     run |= {"log_fingerprint": log_fingerprint(log), "recording": None}
     for name in TABLES:
         (folder / name).write_text(name)
-        digest = hashlib.sha256(name.encode()).hexdigest()
-        run["files"][name] = {"rows": 1, "sha256": digest}
+        run["files"][name] = {"rows": 1, "sha256": hashlib.sha256(name.encode()).hexdigest()}
     (folder / "run.json").write_text(json.dumps(run))
     return folder
 

@@ -71,8 +71,7 @@ def rendered(tmp_path):
     """Evaluates signs, by default against one panel 30 m ahead."""
 
     def figures(*signs, panels=(AT_30_M,), **more):
-        truth = {"frames": FRAMES, "signs": list(panels)} | more
-        return evaluated(tmp_path, list(signs), truth)
+        return evaluated(tmp_path, list(signs), {"frames": FRAMES, "signs": list(panels)} | more)
 
     return figures
 

@@ -299,8 +299,7 @@ def test_labels_find_their_frames_by_number_time_or_name():
 
 def test_labels_find_the_images_of_an_imported_log_by_their_files(tmp_path):
     images = np.arange(2 * 120 * 160 * 3).astype(np.uint8).reshape(2, 120, 160, 3)
-    log = make_log(tmp_path / "drive.mcap", images)
-    known = LogImages.of(log, ReadSettings(spacing_m=8.0))
+    known = LogImages.of(make_log(tmp_path / "drive.mcap", images), ReadSettings(spacing_m=8.0))
     assert known.names == {0: "000.png", 1: "001.png"}
     read = Labels((Label(LabelledImage(image_name="001.png"), "sign", (0, 0, 5, 5)),), ())
     assert list(labels_by_frame(read, "drive", known.times_ns, known.names).labels) == [1]

@@ -108,8 +108,7 @@ def test_each_preset_has_its_own_colours_shapes_and_places(shipped):
     assert default.color_classes is default.shape_classes is None
     assert (report.color_classes.space, report.shape_classes) == ("rgb", None)
     assert models_of("report-shape").shape_classes.space == "fourier8"
-    names = [c.name for c in report.location_classes.classes]
-    assert names == ["right", "left", "overhead"]
+    assert [c.name for c in report.location_classes.classes] == ["right", "left", "overhead"]
     assert report.location_classes.provenance != default.location_classes.provenance
 
 

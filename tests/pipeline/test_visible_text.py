@@ -51,8 +51,7 @@ def test_topics_of_any_content_are_listed_without_acting_on_the_terminal(tmp_pat
         writer = Writer(stream)
         writer.start(library="tests")
         schema = writer.register_schema("foxglove.CompressedImage\x1b[2J", "jsonschema", b"{}")
-        channel = writer.register_channel(NASTY[:-1], "json", schema)
-        writer.add_message(channel, 1, b"{}", 1, 1)
+        writer.add_message(writer.register_channel(NASTY[:-1], "json", schema), 1, b"{}", 1, 1)
         writer.finish()
     shown = invoke("info", path)
     assert "\x1b" not in shown
@@ -62,8 +61,7 @@ def test_topics_of_any_content_are_listed_without_acting_on_the_terminal(tmp_pat
 
 @pytest.mark.parametrize("words", [["info"], ["run", "-o", "out"]])
 def test_a_name_that_is_not_utf8_is_named_in_the_error(tmp_path, command, words):
-    name = os.fsdecode(os.fsencode(str(tmp_path)) + b"/caf\xe9\x1b[2J.mcap")
-    done = command(*words, name)
+    done = command(*words, os.fsdecode(os.fsencode(str(tmp_path)) + b"/caf\xe9\x1b[2J.mcap"))
     assert done.returncode == 3
     assert r"caf\udce9\x1b[2J.mcap: the log cannot be read" in done.stderr
 

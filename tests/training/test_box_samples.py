@@ -53,8 +53,7 @@ def targets(boxes, faces=((SIGN, FRONT),), ignored=(), weight=1.0):
     named = [(box, side, "red", "octagon") for box, side in faces]
     crop = LabelledImage.of(("set", "one"), rgb, named, ignored)
     box = np.array(boxes, np.float32)
-    weights = np.full((len(box), 2), weight, np.float32)
-    return _targets(box, crop, shown_faces(crop), weights)
+    return _targets(box, crop, shown_faces(crop), np.full((len(box), 2), weight, np.float32))
 
 
 def moved(overlap):

@@ -109,8 +109,7 @@ def test_by_boxes_alone_it_does_not_matter_where_a_landmark_was_measured():
 
 def test_hand_made_boxes_decide_in_the_images_that_have_them():
     sign = {"id": "A", "facing": "front", "boxes": [{"i": 1, "box": SIGN}]}
-    checked = {"2": {"signs": [[*AWAY, None, None]]}}
-    panels = KnownPanels.of_labels({"signs": [sign]}, checked)
+    panels = KnownPanels.of_labels({"signs": [sign]}, {"2": {"signs": [[*AWAY, None, None]]}})
     half = [100, 100, 140, 114]
     seen = [(AWAY, SIGN, SIGN), (SIGN, half, SIGN), (SIGN, AWAY, AWAY), (SIGN, AWAY, SIGN)]
     assert [panels.label(SeenAt(*boxes)) for boxes in seen] == [ON, NEITHER, ON, OFF]

@@ -105,8 +105,7 @@ def test_figures_and_curves_of_foreign_labels_stand_beside_the_models(pictures, 
         {"image_id": k, "category_id": 1, "bbox": [x0, y0, x1 - x0, y1 - y0], "id": k}
         for k, (x0, y0, x1, y1) in enumerate(one.box for one in known)
     ]
-    kinds = [{"id": 1, "name": "info"}]
-    coco = {"images": images, "annotations": found, "categories": kinds}
+    coco = {"images": images, "annotations": found, "categories": [{"id": 1, "name": "info"}]}
     labels, classes = tmp_path / "coco.json", tmp_path / "classes.toml"
     labels.write_text(json.dumps(coco))
     classes.write_text('[classes]\ninfo = { color = "blue", shape = "rectangle" }\n')

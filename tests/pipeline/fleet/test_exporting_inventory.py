@@ -86,8 +86,7 @@ def test_one_cell_is_read_at_a_time(inventory):
 
 def test_without_a_name_the_file_is_that_of_the_table_and_bytes_repeat(inventory):
     for table in ("panels", "supports"):
-        file = inventory / f"{table}.shp"
-        assert str(file) in export(inventory, "-f", "shp", "--table", table)
+        assert str(inventory / f"{table}.shp") in export(inventory, "-f", "shp", "--table", table)
         before = {path: path.read_bytes() for path in inventory.glob(f"{table}.*")}
         export(inventory, "-f", "shp", "--table", table)  # the same bytes are never refused
         assert before == {path: path.read_bytes() for path in inventory.glob(f"{table}.*")}

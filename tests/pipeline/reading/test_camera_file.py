@@ -62,8 +62,7 @@ MATRIX = "  rows: 3\n  cols: 3\n  data: [438.78, 0., 305.59, 0., 437.35, 243.74,
 )
 def test_calibrations_of_ros_and_kalibr_are_read(tmp_path, text, distortion):
     (tmp_path / "camera.yaml").write_text(text)
-    wanted = replace(CAMERA, distortion=distortion)
-    assert read_camera_file(tmp_path / "camera.yaml") == wanted
+    assert read_camera_file(tmp_path / "camera.yaml") == replace(CAMERA, distortion=distortion)
 
 
 @pytest.mark.parametrize(

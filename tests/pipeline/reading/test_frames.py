@@ -407,8 +407,7 @@ def test_senseless_settings_are_refused_before_anything_is_read(tmp_path, settin
 
 def test_images_are_not_copied_from_protobuf_and_cdr(new_log):
     for dialect in ("protobuf", "cdr"):
-        log = new_log(dialect, name=f"{dialect}.mcap", use_chunking=False)
-        (frame, *_), _ = read(fill(log))
+        (frame, *_), _ = read(fill(new_log(dialect, name=f"{dialect}.mcap", use_chunking=False)))
         assert isinstance(frame.data, memoryview)
         assert memoryview(frame.data).nbytes == len(image(0))
         assert memoryview(frame.data).readonly

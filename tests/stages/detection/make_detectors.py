@@ -85,8 +85,7 @@ FORMATS = {
 def constants():
     """Constants by name; the places of the cells are middle and size, or the corners."""
     steps = [(s, (np.arange(SIDE // s) + 0.5) * s) for s in STRIDES]
-    middles = [[x, y, s, s] for s, at in steps for y in at for x in at]
-    places = np.array([middles], np.float32)
+    places = np.array([[[x, y, s, s] for s, at in steps for y in at for x in at]], np.float32)
     corners = places @ np.array([[1, 0, 1, 0], [0, 1, 0, 1], [-0.5, 0, 0.5, 0], [0, -0.5, 0, 0.5]])
     real = {
         "weights": np.reshape([[1, -1, 0], [-1, 0, 1]], (2, 3, 1, 1)),

@@ -73,8 +73,7 @@ def test_the_middle_and_the_sides_of_a_box_are_read_from_its_cell():
 def test_of_boxes_on_one_face_the_best_stays_and_the_best_are_first():
     same = (0, 0, 0, 0)
     one = (4, 4, 1.0, same), (4, 5, 3.0, same), (12, 12, 2.0, same)
-    found = boxes_of_maps(maps_with(*one), (64, 64), 0.0, 10, 0.5)
-    assert found.score.tolist() == [3.0, 2.0]
+    assert boxes_of_maps(maps_with(*one), (64, 64), 0.0, 10, 0.5).score.tolist() == [3.0, 2.0]
     assert len(boxes_of_maps(maps_with(*one), (64, 64), 0.0, 1, 0.5).score) == 1
     assert len(boxes_of_maps(maps_with(*one), (64, 64), 4.0, 9, 0.5).score) == 0
 

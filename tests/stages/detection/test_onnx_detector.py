@@ -98,8 +98,7 @@ def test_a_wrong_format_is_refused_when_an_image_is_seen():
     whole=st.booleans(),
 )
 def test_the_corners_of_the_image_are_where_scale_and_border_say(width, height, size, whole):
-    rgb = np.full((height, width, 3), 7, np.uint8)
-    seen, scale, border = fitted(rgb, size, whole=whole)
+    seen, scale, border = fitted(np.full((height, width, 3), 7, np.uint8), size, whole=whole)
     assert seen.shape == (*size, 3)
     inside = (seen == 7).all(axis=2)
     rows, columns = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))

@@ -22,8 +22,7 @@ def pixels(seed=0):
 
 def frame(data, encoding="jpeg", **changes):
     camera = Camera(WIDTH, HEIGHT, 50.0, 50.0, WIDTH / 2, HEIGHT / 2)
-    base = Frame(0, 0, None, "used", encoding, data, camera, WIDTH, HEIGHT)
-    return replace(base, **changes)
+    return replace(Frame(0, 0, None, "used", encoding, data, camera, WIDTH, HEIGHT), **changes)
 
 
 def jpeg(rgb, quality=95, subsampling=0, mode="RGB", **options):

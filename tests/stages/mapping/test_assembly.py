@@ -22,8 +22,7 @@ def model(*means, space="right_up_m", distance=2.0):
 
 
 def located(frames, where=None, settings=LIMITS):
-    tracked = track(iter(frames), TrackSettings())
-    return list(assemble(classify_location(tracked, where, settings)))
+    return list(assemble(classify_location(track(iter(frames), TrackSettings()), where, settings)))
 
 
 @pytest.mark.parametrize(

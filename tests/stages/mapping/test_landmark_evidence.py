@@ -45,8 +45,7 @@ def test_the_images_show_whether_its_surroundings_move_with_a_panel():
     frames = [
         with_image(frame, np.dstack([grey] * 3)) for frame in drive([Panel(3.5, 1.2, 120.0)], 20)
     ]
-    named = dict(zip(FEATURES, landmark_of(frames).features, strict=True))
-    assert named["surroundings"] < 0.5
+    assert dict(zip(FEATURES, landmark_of(frames).features, strict=True))["surroundings"] < 0.5
 
 
 @given(value=st.floats(-1e6, 1e6))
@@ -71,8 +70,7 @@ def test_what_is_not_known_says_nothing():
 def classified(frames, probabilities):
     """The frames, each view with the `probabilities(index of the frame)` of its colours; None: unclassified."""
     for index, moved in enumerate(frames):
-        table = moved.detections.candidates
-        odds = np.full((len(table), len(LEARNED_COLORS)), np.nan, np.float32)
+        odds = np.full((len(moved.detections.candidates), len(LEARNED_COLORS)), np.nan, np.float32)
         given = probabilities(index)
         if given is not None:
             odds[:] = -np.inf

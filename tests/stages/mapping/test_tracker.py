@@ -137,8 +137,7 @@ def test_a_single_view_is_unmatched_and_two_are_too_few():
 
 
 def test_frames_come_out_once_in_order_with_unused_ones_between():
-    frames = drive([Panel(3.5, 1.2, 120.0)], 40, unused=(0, 7, 8, 21, 39))
-    tracked = run(frames)
+    tracked = run(drive([Panel(3.5, 1.2, 120.0)], 40, unused=(0, 7, 8, 21, 39)))
     assert [item.frame.index for item in tracked] == list(range(40))
     assert len(landmarks_of(tracked)) == 1
     assert tracked[7].motion is None

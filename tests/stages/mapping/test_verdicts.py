@@ -70,8 +70,7 @@ def test_one_view_that_is_predicted_on_another_face_is_not_enough():
 def test_landmarks_that_no_image_shows_together_are_compared_where_they_must_be():
     far = views(dict.fromkeys(range(8), FACE), unseen=range(4, 8))
     for box, one_face in ((HALF, True), (BESIDE, False)):
-        near = views(dict.fromkeys(range(8), box), unseen=range(4))
-        assert same_face(far, near) == one_face
+        assert same_face(far, views(dict.fromkeys(range(8), box), unseen=range(4))) == one_face
 
 
 def test_a_panel_that_is_passed_is_none_that_is_seen_afterwards():

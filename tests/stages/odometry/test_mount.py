@@ -80,8 +80,7 @@ def test_things_on_and_beside_the_road_do_not_matter():
     cars = generator.uniform((-2.5, 0.6, 10), (2.5, 2.0, 30), (15, 3))
     verge = generator.uniform((5, 2.5, 10), (12, 4.0, 30), (60, 3))
     unknown = np.full((4, 3), np.nan)
-    found = height_of(np.vstack([cars, points, verge, unknown]), direction)
-    assert abs(found - 2.1) < 0.03
+    assert abs(height_of(np.vstack([cars, points, verge, unknown]), direction) - 2.1) < 0.03
 
 
 def test_too_few_points_give_no_height():

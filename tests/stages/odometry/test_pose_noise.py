@@ -65,8 +65,7 @@ def test_some_wrongly_measured_steps_do_not_count():
 
 
 def test_the_first_steps_and_steps_of_a_stated_spacing_leave_the_usual_noise():
-    few = learnt(drive(4, 0.3, 0.02)[:3])
-    np.testing.assert_allclose(few.variance, PoseNoise().variance)
+    np.testing.assert_allclose(learnt(drive(4, 0.3, 0.02)[:3]).variance, PoseNoise().variance)
     noise = learnt([replace(FRAME, pose=None)] * 20)
     np.testing.assert_array_equal(noise.variance, PoseNoise().variance)
     assert noise.of(FRAME).pose is None

@@ -36,8 +36,7 @@ def placed(behind=lambda square: 0.0, seeds=(0, 0), lower_px=0.0, sizes=ALIKE):
         crops=tuple(crops),
         evidence=(("place", LEAST_EVIDENCE - 3.9),),
     )
-    tracked = tracked_frame(frames[1], seen)
-    return landmarks_of(triangulate_points(iter([tracked]), sizes))[0]
+    return landmarks_of(triangulate_points(iter([tracked_frame(frames[1], seen)]), sizes))[0]
 
 
 def tracked_frame(posed, *landmarks):

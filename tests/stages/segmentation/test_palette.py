@@ -42,8 +42,7 @@ def plain(rgb, centers):
 
 
 def inertia(rgb, centers):
-    squared = ((rgb[:, :, None].astype(float) - centers) ** 2).sum(axis=-1)
-    return squared.min(axis=-1).mean()
+    return ((rgb[:, :, None].astype(float) - centers) ** 2).sum(axis=-1).min(axis=-1).mean()
 
 
 @pytest.mark.parametrize("seed", range(4))
