@@ -321,7 +321,15 @@ def evaluate(
     from wayside.pipeline.reviewing.entries import is_review
 
     if is_review(truth):
-        _evaluate_review(out, truth, json, overwrite=overwrite)
+        from wayside.pipeline.files.writing import write_json
+        from wayside.pipeline.reviewing.review import find_review, format_figures, review_figures
+
+        said = find_review(out, [truth])
+        _note(said.notes)
+        figures = review_figures(out, said)
+        if json is not None:
+            write_json(json, figures, ("reviewed", "accepted"), overwrite=overwrite)
+        typer.echo(format_figures(figures))
         return
     from wayside.pipeline.evaluation.compare import evaluate as compare
     from wayside.pipeline.evaluation.compare import format_evaluation, other_log, write_evaluation
@@ -331,16 +339,3 @@ def evaluate(
     if json is not None:
         write_evaluation(evaluation, json, overwrite=overwrite)
     typer.echo(visible_lines(format_evaluation(evaluation)))
-
-
-def _evaluate_review(out: Path, review: Path, json: Path | None, *, overwrite: bool) -> None:
-    """Print what a review says of a result, and write its figures where that is asked for."""
-    from wayside.pipeline.files.writing import write_json
-    from wayside.pipeline.reviewing.review import find_review, format_figures, review_figures
-
-    said = find_review(out, [review])
-    _note(said.notes)
-    figures = review_figures(out, said)
-    if json is not None:
-        write_json(json, figures, ("reviewed", "accepted"), overwrite=overwrite)
-    typer.echo(format_figures(figures))

@@ -129,8 +129,7 @@ def uncertainty(
     back = (spread.T @ normal.mixed) @ normal.inverse
     if pose is None:
         back[0] += own
-    square = (estimate.residuals**2).sum(axis=1)
-    weight = 1 / ((1 + square / blocks.scale**2) * blocks.sigma)
+    weight = 1 / ((1 + (estimate.residuals**2).sum(axis=1) / blocks.scale**2) * blocks.sigma)
     by_frame = spread.reshape(-1, 6, count)[blocks.frames].reshape(-1, 12, count)
     gain = estimate.by_point @ back[blocks.point].swapaxes(1, 2) - estimate.by_pose @ by_frame
     return reach.T @ spread + (own if pose is None else 0.0), weight[:, None, None] * gain

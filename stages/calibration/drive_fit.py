@@ -205,7 +205,8 @@ def calibrate_drive(
     problem.free = True
     for left in reversed(range(ITERATIONS)):
         # Compressed images have larger errors than stated.
-        problem.factor = _error_factor(problem, estimate)
+        median = float(np.median(np.concatenate(estimate.lengths)))
+        problem.factor = max(1.0, problem.factor * median / _RAYLEIGH_MEDIAN)
         solved, step, inverse = _lens_step(problem, estimate)
         # By errors as stated: a wrong lens enlarges those found, which would let its own pass for chance.
         if not left or problem.factor**2 * step @ np.linalg.solve(inverse, step) < GAIN:
@@ -218,12 +219,6 @@ def calibrate_drive(
     return DriveCalibration(
         camera, lens, covariance, problem.factor, cost / count, len(segments), count
     )
-
-
-def _error_factor(problem: _Problem, estimate: _Estimate) -> float:
-    """Errors of ties over those stated, by the median residual; 1 at least."""
-    median = float(np.median(np.concatenate(estimate.lengths)))
-    return max(1.0, problem.factor * median / _RAYLEIGH_MEDIAN)
 
 
 def _fitted(problem: _Problem, start: _Estimate, iterations: int) -> _Estimate:

@@ -209,8 +209,7 @@ def lens_gain(segment: Segment, equations: Equations, solved: Reduced) -> Array:
 def updated(segment: Segment, equations: Equations, solved: Reduced, lens: Array) -> Segment:
     """The segment after a step of the lens by `lens` (5,)."""
     poses = np.concatenate([np.zeros(6), solved.alone + solved.by_lens @ lens])
-    everything = np.concatenate([poses, lens])
-    rest = equations.point_right - equations.cross @ everything
+    rest = equations.point_right - equations.cross @ np.concatenate([poses, lens])
     moves = poses.reshape(-1, 6)
     return segment._replace(
         rotations=segment.rotations @ Rotation.from_rotvec(moves[:, :3]).as_matrix(),

@@ -17,8 +17,7 @@ def box_areas(box: NDArray[np.floating[Any]]) -> Array:
 def intersection_areas(a: NDArray[np.floating[Any]], b: NDArray[np.floating[Any]]) -> Array:
     """Area that each box a (n, 4) shares with each box b (m, 4): (n, m)."""
     low = np.maximum(a[:, None, :2], b[None, :, :2])
-    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
-    return box_areas(np.concatenate([low, high], axis=-1))
+    return box_areas(np.concatenate([low, np.minimum(a[:, None, 2:], b[None, :, 2:])], axis=-1))
 
 
 def iou_matrix(a: NDArray[np.floating[Any]], b: NDArray[np.floating[Any]]) -> Array:

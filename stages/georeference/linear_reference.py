@@ -43,11 +43,8 @@ def measure_along_route(
     if segments is None:
         for sign in signs:
             yield replace(sign, **settings.measured(sign.station_m))
-    else:
-        yield from _by_lines(list(signs), path, segments)
-
-
-def _by_lines(listed: list[Sign], path: DrivePath, segments: RouteSegments) -> Iterator[Sign]:
+        return
+    listed = list(signs)
     if path.globe is None or not len(segments) or not listed:
         yield from listed
         return
@@ -149,5 +146,4 @@ def _along(places: Array, stations: Array, wanted: Array) -> tuple[Array, Array]
     change = np.diff(places, axis=0)[step]
     points = places[step] + part[:, None] * change
     change *= np.column_stack([np.cos(np.radians(points[:, 1])), np.ones(len(points))])
-    length = np.maximum(np.linalg.norm(change, axis=1), 1e-300)
-    return points, change / length[:, None]
+    return points, change / np.maximum(np.linalg.norm(change, axis=1), 1e-300)[:, None]

@@ -94,8 +94,7 @@ class RelativeMotionChain:
         # of the logarithm of the ratio of two intervals that share a stamp
         by_stamps = STAMP_S * np.sqrt(2 * (now**-2 + before**-2 + 1 / (now * before)))
         wanted = np.where(timed, np.log(now / before) - self._given(rows), 0.0)
-        sigma = np.where(timed, np.hypot(by_speed, by_stamps), EQUAL_LENGTH_SIGMA)
-        return rows, wanted, sigma
+        return rows, wanted, np.where(timed, np.hypot(by_speed, by_stamps), EQUAL_LENGTH_SIGMA)
 
     def _neighbours(self) -> NDArray[np.int64]:
         """Frames whose step and that before are both of unknown length."""

@@ -87,8 +87,7 @@ def relative_variance(sightings: Sightings, known: Ints, pairs: Ints) -> Floats:
     for column, axes in _AXES:
         variance = np.square(sightings.common_sigma_m[:, column])
         own = sightings.covariance[:, axes, axes].mean(axis=1)
-        prior = variance[pairs].sum(axis=1)
-        information = 1 / prior
+        information = 1 / variance[pairs].sum(axis=1)
         for neighbour in (at - 1, at + same):
             valid = (neighbour >= 0) & (neighbour < len(known))
             valid[valid] = of[neighbour[valid]] == asked[valid]

@@ -70,8 +70,7 @@ class Agreement:
 
 def measure_differences(sightings: Sightings, counted: Flags) -> Differences:
     """Pairs of rows with one face that look the same way, within `VECTOR_REACH_M`; counted (n,) of the first."""
-    longest = max(VECTOR_REACH_M)
-    i, j = facing_pairs(sightings, sightings.position, longest).T
+    i, j = facing_pairs(sightings, sightings.position, max(VECTOR_REACH_M)).T
     same = face_log_ratio(sightings, i, j) > 0
     i, j = i[same], j[same]
     apart = sightings.position[j] - sightings.position[i]

@@ -181,8 +181,7 @@ def _correlations(window: Floats, other: PlaceImage, points: Floats, camera: Cam
     """Normalised correlation (d,) of a window (n,) with points (d, n, 3) in another image; nan: outside of it."""
     seen = (points - other.centre) @ other.rotation
     ahead = (seen[..., 2] > NEAREST_M).all(axis=1)
-    rays = seen / np.maximum(seen[..., 2:], NEAREST_M)
-    patches = _sampled(other, rays, camera)
+    patches = _sampled(other, seen / np.maximum(seen[..., 2:], NEAREST_M), camera)
     a, b = window - window.mean(), patches - patches.mean(axis=1, keepdims=True)
     norm = np.sqrt((a @ a) * np.einsum("dn,dn->d", b, b))
     return np.where(ahead, (b @ a) / np.maximum(norm, 1e-9), np.nan)

@@ -97,8 +97,7 @@ def _placed(sweep: Sweep, score: Array, pairs: Array, path: DrivePath) -> _Place
     """A sweep on the final path, its ground by the pooled scores."""
     ground = ground_of(score, pairs, HEIGHTS_M)
     scale = scale_near(path, sweep.frame).factor
-    near = Pose(sweep.place.rotation, scale * sweep.place.centre)
-    raw = path.poses[sweep.frame].compose(near)
+    raw = path.poses[sweep.frame].compose(Pose(sweep.place.rotation, scale * sweep.place.centre))
     along, up = raw.rotation[:, 0], raw.rotation[:, 2]
     if path.world == "log":
         up = np.array([0.0, 0.0, 1.0])
@@ -192,5 +191,4 @@ def _lines(placed: Sequence[_Placed], sign: int, *, solid: bool) -> Array:
 def _side(distance: Array, height: Array, sigma: Array, line: float, edge: float) -> Roadside:
     """One side of the road; distance (n,): from the path outwards, negative on the other side."""
     own = distance > -ROAD_M
-    breaks = breaks_of(distance[own], height[own], sigma[own])
-    return replace(breaks, line_m=line, edge_m=edge)
+    return replace(breaks_of(distance[own], height[own], sigma[own]), line_m=line, edge_m=edge)

@@ -96,8 +96,7 @@ class PathLine:
         moved = np.concatenate([[True], chords > SHORTEST_M])
         points, at = centres[:1], knots[:1]
         if moved.sum() > 1:
-            pieces = np.ceil(np.diff(knots[moved]) / LINE_STEP_M)
-            ends = np.concatenate([[0.0], np.cumsum(pieces)])
+            ends = np.concatenate([[0.0], np.cumsum(np.ceil(np.diff(knots[moved]) / LINE_STEP_M))])
             at = np.interp(np.arange(ends[-1] + 1), ends, knots[moved])
             points = CubicSpline(knots[moved], centres[moved])(at)
         steps = np.linalg.norm(np.diff(points, axis=0), axis=1)

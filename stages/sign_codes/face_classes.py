@@ -77,8 +77,7 @@ def _classified(
     if landmark.back or measured is None or measured.face is None:
         return landmark
     patches = np.stack(_face_patches(measured, measured.face)[:FACE_VIEWS])
-    each = np.maximum(model.log_probabilities(patches), LEAST_LOG_PROBABILITY)
-    mean = each.mean(axis=0)
+    mean = np.maximum(model.log_probabilities(patches), LEAST_LOG_PROBABILITY).mean(axis=0)
     landmark = replace(landmark, face_log_probability=array("d", mean - np.logaddexp.reduce(mean)))
     if landmark.color == "blue" and is_black(patches):  # the networks know no black
         return replace(landmark, color="black", color_log_probability=())
