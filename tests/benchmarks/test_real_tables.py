@@ -21,8 +21,8 @@ CAUSES = (
     MissCause("R2", "rejected", "score", {"score": 2}),
     MissCause("R3", "refused", "residual", {"residual": 3}),
 )
-AGAIN = Duplicate("d-0003", "R1", "d-0001")
-KNOWN = {"duplicates": (AGAIN,), "causes": CAUSES, "images": 50, "learned_by": ()}
+AGAIN = (Duplicate("d-0003", "R1", "d-0001"),)
+KNOWN = {"duplicates": AGAIN, "causes": CAUSES, "images": 50, "learned_by": ()}
 ROAD = RealEvaluation(3, ("R1",), 2, (FALSE,), ("R2", "R3"), **KNOWN)
 PLATES = (("parking plate", True), ("parking plate", False), ("bus stop plate", True))
 CITY = replace(
@@ -31,7 +31,6 @@ CITY = replace(
     images=100,
     learned_by=(),
 )
-SEEN = replace(ROAD, learned_by=("network",))
 
 
 def test_a_line_has_every_share_with_its_interval(tables):
@@ -45,7 +44,7 @@ def test_a_line_has_every_share_with_its_interval(tables):
 
 
 def test_drives_learned_from_stand_apart_and_are_summed_apart(tables):
-    drives = {"seen": SEEN, "road": ROAD, "city": CITY}
+    drives = {"seen": replace(ROAD, learned_by=("network",)), "road": ROAD, "city": CITY}
     lines = tables.real_page([tables.RealDrive(*drive) for drive in drives.items()])
     titles = [line for line in lines if line.startswith("### ")]
     assert titles[:2] == [

@@ -76,13 +76,12 @@ def test_a_counter_that_starts_again_is_followed_by_the_dates(take, imported, pr
 UNEVEN = "the numbers in the names do not rise evenly"
 AGAIN, MISSING = "numbers start again or go back", "missing numbers"
 GROUPS = [f"G00{group}000{k}.JPG" for group in (1, 2) for k in (1, 2, 4)]
-TENS = [k // 4 for k in range(10)]
 GAPS = names("DSC_", [9996, 9998, 2, 3])  # without 9997, 9999 and 1
 ORDERS = {
     "it starts again": (names("DSC_", WRAPPED), [None] * 11, [10.0] * 10, [AGAIN]),
     "with numbers missing": (GAPS, range(4), [20.0, 30.0, 10.0], [AGAIN, MISSING]),
     "it did not": (names("DSC_", [1, 2, 3, 9998, 9999]), range(5), [10.0] * 4, [UNEVEN]),
-    "within a second": (names("I_", range(10)), TENS, [10.0] * 9, []),
+    "within a second": (names("I_", range(10)), [k // 4 for k in range(10)], [10.0] * 9, []),
     "the same date": (names("I_", range(1, 5)), [7] * 4, [10.0] * 3, []),
     "every second": (["a2.jpg", "a4.jpg", "a10.jpg"], [None] * 3, [10.0, 30.0], [MISSING]),
     "no step": (["a10.jpg", "a25.jpg", "a31.jpg"], [None] * 3, [10.0] * 2, [UNEVEN]),

@@ -16,7 +16,6 @@ from wayside.stages.calibration.segment import cut_segments
 from wayside.stages.calibration.segment_equations import changed_camera, displacement, project
 from wayside.stages.geometry import distort_points, ideal_points, to_rays
 
-SETTINGS = Settings()
 IMAGES = 9
 CURVE = {"curve_radius_m": 80.0, "jitter_deg": 0.3, "spacing_m": 4.0}
 
@@ -24,7 +23,7 @@ CURVE = {"curve_radius_m": 80.0, "jitter_deg": 0.3, "spacing_m": 4.0}
 def drive(images=17, **survey):
     """Images of a simulated drive with their motion, and the true camera."""
     simulated = SimulatedDrive(Survey(ties=80, signs=1, **survey))
-    posed = simulated.posed(SETTINGS.motion)
+    posed = simulated.posed(Settings().motion)
     return [item for item, _ in zip(posed, range(images), strict=False)], simulated.camera
 
 

@@ -16,6 +16,7 @@ from wayside.stages.detection import BoxClassifier, BoxNetwork
 from wayside.stages.detection.box_network import TOGETHER
 from wayside.stages.geometry import iou_matrix
 from wayside.stages.imaging import pyramid
+from wayside.stages.sign_codes import FaceClassifier
 
 GROUND = np.array([[40, 200, 72, 232], [300, 20, 340, 60], [420, 280, 450, 330]], np.float32)
 """Boxes off all faces."""
@@ -116,12 +117,15 @@ def test_a_classifier_has_the_log_odds_of_its_side():
         np.testing.assert_array_equal(side.scores(scene()[0], boxes), wanted)
 
 
-def test_a_file_that_is_no_network_of_boxes_is_refused(tmp_path):
-    broken = tmp_path / "box.onnx"
+@pytest.mark.parametrize(
+    ("kind", "other"), [(BoxNetwork, "network.onnx"), (FaceClassifier, "box.onnx")]
+)
+def test_a_file_that_is_no_such_network_is_refused(kind, other, tmp_path):
+    broken = tmp_path / "broken.onnx"
     broken.write_bytes(b"no network")
-    for path in (shipped_models() / "network.onnx", broken, tmp_path / "missing.onnx"):
+    for path in (shipped_models() / other, broken, tmp_path / "missing.onnx"):
         with pytest.raises(ValueError, match=r"."):
-            BoxNetwork(str(path))
+            kind(str(path))
 
 
 def test_a_network_is_opened_once_on_the_best_that_onnxruntime_has(monkeypatch, tmp_path):

@@ -12,13 +12,12 @@ from wayside.schemas.settings import MotionSettings
 from wayside.stages.odometry.motion_prior import TravelDirection, fix_distance_m, predict_motion
 
 AHEAD = np.array([0.0, 0.0, 1.0])
-SETTINGS = MotionSettings()
 MOUNTED = TravelDirection(AHEAD, np.radians([0.35, 0.25]))
 FRAME = Frame(7, 0, None, USED, "jpeg", b"", Camera(640, 480, 500, 500, 320, 240))
 
 
 def expect(before, now, last_rotation=None, speed_mps=math.nan):
-    return predict_motion(before, now, MOUNTED, last_rotation, speed_mps, SETTINGS)
+    return predict_motion(before, now, MOUNTED, last_rotation, speed_mps, MotionSettings())
 
 
 def posed(centre, yaw_deg=0.0, sigma_m=0.02, sigma_rad=0.001):

@@ -135,9 +135,6 @@ def merged(frames, *landmarks):
     return [one.verdict for one in landmarks_of(found)]
 
 
-FIRST = Pose(np.eye(3), np.zeros(3))
-
-
 @pytest.mark.parametrize(
     ("changes", "verdict"),
     [
@@ -150,7 +147,7 @@ FIRST = Pose(np.eye(3), np.zeros(3))
 )
 def test_a_segment_on_a_panel_of_more_evidence_is_a_part_of_it(changes, verdict):
     legend = {"track_id": 2, "width_m": 0.2, "height_m": 0.2, "evidence": (("rigidity", 9.0),)}
-    face = made_landmark(evidence=(("rigidity", 20.0),), best_pose=FIRST)
+    face = made_landmark(evidence=(("rigidity", 20.0),), best_pose=Pose(np.eye(3), np.zeros(3)))
     assert merged(drive([], 4), made_landmark(**legend | changes), face) == [verdict, "sign"]
 
 

@@ -21,7 +21,6 @@ FACES = (
     *sorted({f for signs in CATALOGUE.values() for one in signs for f in one.faces}),
 )
 US = CodeSettings(system="us")
-VIENNA = CodeSettings(system="vienna")
 
 
 def sure(names, name, wrong=0.01):
@@ -78,7 +77,7 @@ def test_what_colour_shape_and_size_tell_is_stated(system, color, shape, size_in
 def test_a_face_that_fits_two_series_has_no_code_and_the_category_that_both_are_of():
     # a blue disc orders a direction, or forbids to stop
     for settings, *look, category in (
-        (VIENNA, "blue", "circle", 23.6, 23.6, "regulatory"),
+        (CodeSettings(system="vienna"), "blue", "circle", 23.6, 23.6, "regulatory"),
         (CodeSettings(), "red", "octagon", 29.5, 29.5, "regulatory"),  # of either system
         (US, None, "rectangle", 25, 40, 8.0, None),
     ):

@@ -129,11 +129,3 @@ def test_the_classifier_that_ships_knows_its_classes_and_their_probabilities():
     np.testing.assert_allclose(np.exp(found).sum(axis=1), 1)
     np.testing.assert_allclose(model.log_probabilities(patches[2:3])[0], found[2], atol=1e-4)
     assert model.log_probabilities(patches[:0]).shape == (0, len(model.classes))
-
-
-def test_a_file_that_is_no_classifier_of_faces_is_refused(tmp_path):
-    broken = tmp_path / "face_code.onnx"
-    broken.write_bytes(b"no network")
-    for path in (shipped_models() / "box.onnx", broken, tmp_path / "missing.onnx"):
-        with pytest.raises(ValueError, match=r"."):
-            FaceClassifier(str(path))
