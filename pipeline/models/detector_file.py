@@ -48,16 +48,19 @@ def load_detector(settings: ModelSettings) -> DetectorFile:
     image, size_input = _inputs(path, network)
     height, width = image.shape[2:]
     input_size = (height, width) if height else None
-    names = _names(network)
+    tried, names = input_size or FREE_SIZE, _names(network)
+    grey: dict[str, NDArray[Any]] = {image.name: np.full((1, 3, *tried), 0.5, np.float32)}
+    if size_input:
+        grey[size_input] = np.array([tried[::-1]], np.int64)
     try:
-        outputs = network.run(_grey_image(image, size_input, input_size or FREE_SIZE))
+        outputs = network.run(grey)
     except ValueError as error:
         raise _refusal(path, f"cannot be run: {_words(error)}") from error
     form = settings.detector_format
     if form == "auto":
         head = network.metadata.get("head", "") or network.metadata.get("description", "")
         try:
-            form = recognised(outputs, input_size or FREE_SIZE, head, len(names))
+            form = recognised(outputs, tried, head, len(names))
         except ValueError as error:
             raise _refusal(
                 path,
@@ -92,14 +95,6 @@ def _inputs(path: Path, network: OnnxNetwork) -> tuple[NetworkInput, str]:
         fault = f"has an input {list(image.shape)}, where height and width must both be fixed or both free"
         raise _refusal(path, fault, "Export it with a fixed size.")
     return image, others[0] if others else ""
-
-
-def _grey_image(
-    image: NetworkInput, size_input: str, size: tuple[int, int]
-) -> dict[str, NDArray[Any]]:
-    """The inputs for a grey image of that height and width."""
-    inputs: dict[str, NDArray[Any]] = {image.name: np.full((1, 3, *size), 0.5, np.float32)}
-    return inputs | ({size_input: np.array([size[::-1]], np.int64)} if size_input else {})
 
 
 def _names(network: OnnxNetwork) -> dict[int, str]:
