@@ -5,14 +5,13 @@ thread holds at that moment stays locked in it. So a program asks for them, not 
 """
 
 import gc
-import io
 import mmap
 import multiprocessing
 import pickle
 import signal
 import sys
 import weakref
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
@@ -21,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from wayside.pipeline.workers import Given, Result, Source, StageClock, Value, Workers, result_of
+from wayside.pipeline.workers import Result, Source, StageClock, Workers, result_of
 from wayside.schemas.errors import StageError
 from wayside.stages.classifiers import providers
 
@@ -40,38 +39,21 @@ def can_fork() -> bool:
 
 
 class ForkedWorkers(Workers):
-    """As `Workers`, by processes that the first result starts; `clock` counts what their stages take, too."""
+    """As `Workers`, by processes, which the second item starts; `clock` counts what their stages take, too."""
 
     def __init__(self, count: int, clock: StageClock) -> None:
         super().__init__(count)
-        self._clock, self._rooms = clock, _Rooms()
-        self._processes: list[tuple[BaseProcess, Connection]] = []
+        self._clock, self._rooms = clock, Rooms()
+        self._processes, self._pipes = list[BaseProcess](), list[Connection]()
         self._idle = SimpleQueue[Connection]()
 
     def __exit__(self, *error: object) -> None:
         """Drop items that wait, and wait for those in progress and for the ends of the processes."""
         super().__exit__()
-        for _, pipe in self._processes:
+        for pipe in self._pipes:
             pipe.close()
-        for process, _ in self._processes:
+        for process in self._processes:
             process.join()
-
-    def ordered(
-        self,
-        chain: Callable[[Iterator[Source]], Iterator[Result]],
-        items: Iterator[Source],
-        queue: int,
-        has_room: Callable[[], bool] = lambda: True,
-    ) -> Iterator[Result]:
-        """As of `Workers`: the first item is done here, so that what it loads is shared."""
-        for item in items:
-            yield result_of(chain, item)
-            break
-        yield from super().ordered(chain, items, queue, has_room)
-
-    def map(self, function: Callable[[Given], Value], items: Iterable[Given]) -> Iterator[Value]:
-        """As the builtin `map`: the items are of this process."""
-        return map(function, items)
 
     def _elsewhere(
         self, chain: Callable[[Iterator[Source]], Iterator[Result]]
@@ -80,18 +62,17 @@ class ForkedWorkers(Workers):
         gc.freeze()  # a search for garbage writes to all objects, and a page that is written to is copied
         for _ in range(self.count - 1):
             ours, theirs = context.Pipe()
-            unused = [*(pipe for _, pipe in self._processes), ours]
-            process = context.Process(target=self._serve, args=(chain, theirs, unused))
-            process.start()
+            self._pipes.append(ours)
+            self._processes.append(context.Process(target=self._serve, args=(chain, theirs)))
+            self._processes[-1].start()
             theirs.close()
-            self._processes.append((process, ours))
             self._idle.put(ours)
 
         def ask(item: Source) -> Result:
             pipe, rooms = self._idle.get(), self._rooms.taken()
             try:
-                pipe.send_bytes(_pickled((item, rooms)))
-                answer = pickle.loads(pipe.recv_bytes())
+                pipe.send((item, rooms))
+                answer = pipe.recv()
             except (EOFError, OSError) as end:
                 lost = RuntimeError("a worker process has ended, perhaps for lack of memory")
                 raise StageError("workers", item.frame.index, lost) from end
@@ -99,52 +80,45 @@ class ForkedWorkers(Workers):
                 self._idle.put(pipe)
             content, lengths, seconds = answer or (b"", [], {})
             arrays = self._rooms.read(rooms, lengths)
-            if answer is None:
-                return result_of(chain, item)
             for stage, spent in seconds.items():
                 self._clock.add(stage, spent)
-            result: Result = pickle.loads(content, buffers=arrays)
+            result: Result = (
+                pickle.loads(content, buffers=arrays) if answer else result_of(chain, item)
+            )
             return result
 
         return ask
 
-    def _serve(
-        self,
-        chain: Callable[[Iterator[Source]], Iterator[Result]],
-        pipe: Connection,
-        unused: list[Connection],
-    ) -> None:
+    def _serve(self, chain: Callable[[Iterator[Any]], Iterator[Any]], pipe: Connection) -> None:
         """Answer with results until the pipe is closed; with None for a fault, which the one who asks meets again."""
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        for one in unused:
-            one.close()
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, signal.SIG_IGN)  # the process that asks closes the pipe
+        for other in self._pipes:
+            other.close()
         with suppress(EOFError):
             while True:
-                item, rooms = pickle.loads(pipe.recv_bytes())
-                before, answer = self._clock.seconds(), None
+                (item, rooms), before, answer = pipe.recv(), self._clock.seconds(), None
                 with suppress(Exception):
                     content, lengths = self._rooms.written(rooms, result_of(chain, item))
                     after = self._clock.seconds().items()
                     spent = {stage: seconds - before.get(stage, 0.0) for stage, seconds in after}
                     answer = content, lengths, spent
-                pipe.send_bytes(pickle.dumps(answer, pickle.HIGHEST_PROTOCOL))
+                pipe.send(answer)
 
 
-class _Rooms:
+class Rooms:
     """Memory that a process and its forks see, in parts for one large array each; the process gives them out."""
 
     def __init__(self) -> None:
-        self._memory, self._free = mmap.mmap(-1, 1), list[list[int]]()
+        self._memory, self.free = mmap.mmap(-1, 1), list[list[int]]()
         with suppress(OSError):  # a system that reserves all memory that is asked for
             flags = mmap.MAP_SHARED | mmap.MAP_ANONYMOUS | _UNRESERVED
             self._memory = mmap.mmap(-1, sum(ROOMS) * ROOM_BYTES, flags)
-            first, second = ROOMS
-            self._free = [list(range(first)), list(range(first, first + second))]
+            self.free = [list(range(ROOMS[0])), list(range(ROOMS[0], sum(ROOMS)))]
 
     def taken(self) -> list[tuple[int, int]]:
         """Rooms for the arrays of one result: which list they are of, and their numbers."""
-        return [(k, free.pop()) for k, free in enumerate(self._free) if free]
+        return [(k, free.pop()) for k, free in enumerate(self.free) if free]
 
     def written(self, rooms: list[tuple[int, int]], result: object) -> tuple[bytes, list[int]]:
         """The result without its first large arrays, and the lengths of these, which are in `rooms`."""
@@ -159,7 +133,7 @@ class _Rooms:
             lengths.append(content.nbytes)
             return False
 
-        return _pickled(result, is_small), lengths
+        return pickle.dumps(result, protocol=5, buffer_callback=is_small), lengths
 
     def read(self, rooms: list[tuple[int, int]], lengths: list[int]) -> list[Any]:
         """The arrays in the first rooms; a room is free again as soon as nothing holds its array."""
@@ -167,19 +141,6 @@ class _Rooms:
         for n, (k, room) in enumerate(rooms):
             length = lengths[n] if n < len(lengths) else 0
             array = np.frombuffer(self._memory, np.uint8, length, room * ROOM_BYTES)
-            weakref.finalize(array, self._free[k].append, room)
+            weakref.finalize(array, self.free[k].append, room)
             arrays.append(array)
         return arrays[: len(lengths)]
-
-
-class _Pickler(pickle.Pickler):
-    """Sends a view of memory as bytes."""
-
-    def reducer_override(self, value: object) -> Any:
-        return (bytes, (bytes(value),)) if isinstance(value, memoryview) else NotImplemented
-
-
-def _pickled(value: object, is_small: Callable[[pickle.PickleBuffer], bool] | None = None) -> bytes:
-    content = io.BytesIO()
-    _Pickler(content, pickle.HIGHEST_PROTOCOL, buffer_callback=is_small).dump(value)
-    return content.getvalue()

@@ -187,13 +187,17 @@ class Workers:
     ) -> Iterator[Result]:
         """Send items through `chain`, each by itself; results come in the order of the items.
 
-        At most `queue` items a worker are under way: a slow consumer makes the reader wait; so does `has_room` where it
-        says no, though one item is always under way. The chain must give one result an item. A fault is raised here,
-        after the results before it. Raises StageError as `result_of`.
+        The first is done here: what it loads is there for all. At most `queue` items a worker are under way: a slow
+        consumer makes the reader wait; so does `has_room` where it says no, though one item is always under way. The
+        chain must give one result an item. A fault is raised here, after the results before it. Raises StageError as
+        `result_of`.
         """
         if self._pool is None:
             yield from chain(items)
             return
+        for first in items:
+            yield result_of(chain, first)
+            break
         elsewhere = self._elsewhere(chain)
         under_way: deque[tuple[Source, Future[Result]]] = deque()
         while True:

@@ -23,7 +23,6 @@ from wayside.schemas.frame import (
 from wayside.schemas.settings import ReadSettings
 from wayside.stages.geometry import turn_deg
 
-_NOTHING = memoryview(b"")
 _SILENCE_NS = 5_000_000_000
 """Without pose, fix or spacing the speed before is carried on to the next image, but not across a longer silence."""
 _MOST_LISTED = 4
@@ -75,7 +74,7 @@ class Selection:
             number -= self.taken_by_copies
             status = DUPLICATE if is_copy else self._status(frame, number)
         if status != USED:
-            return replace(frame, status=status, data=_NOTHING)
+            return replace(frame, status=status, data=b"")
         if not self.spacing_m or last is None:
             return frame
         return replace(frame, spacing_m=self.spacing_m * (number - last[0]))
@@ -90,7 +89,7 @@ class Selection:
             )
 
     def _is_copy(self, frame: Frame, number: int) -> bool:
-        digest = hash(bytes(frame.data))
+        digest = hash(frame.data)
         is_copy = len(frame.data) > 0 and digest in self.seen
         self.seen.add(digest)
         if self.numbered is not None:
@@ -119,7 +118,7 @@ class Selection:
         if not placed and (self.used is None or frame.time_ns - self.used[1].time_ns > _SILENCE_NS):
             return NO_POSITION
         here = number, frame
-        latest, self.latest = self.latest, (number, replace(frame, data=_NOTHING))
+        latest, self.latest = self.latest, (number, replace(frame, data=b""))
         if self.used is not None and latest is not None and self.settings.thin_m > 0:
             way, step = self._between(self.used, here), self._between(latest, here)
             is_near = way is not None and way + (step or 0.0) / 2 < self.settings.thin_m
