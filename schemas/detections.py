@@ -81,8 +81,8 @@ class Rows:
 
     def __post_init__(self) -> None:
         """Refuse columns of different length."""
-        lengths = {name: len(column) for name, column in self.columns().items()}
-        if len(set(lengths.values())) > 1:
+        if len(set(map(len, self.columns().values()))) > 1:
+            lengths = {name: len(column) for name, column in self.columns().items()}
             raise ValueError(f"{type(self).__name__}: columns of different length: {lengths}")
 
     def __len__(self) -> int:
@@ -109,8 +109,8 @@ class Rows:
     def columns(self) -> dict[str, Any]:
         """The columns by name."""
         names: tuple[str, ...] = self.__slots__
-        values = {name: getattr(self, name) for name in names}
-        return {name: own for name, own in values.items() if isinstance(own, np.ndarray | Rows)}
+        values = [(name, getattr(self, name)) for name in names]
+        return {name: own for name, own in values if isinstance(own, (np.ndarray, Rows))}
 
 
 @dataclass(frozen=True, slots=True)

@@ -165,10 +165,8 @@ class _Problem(NamedTuple):
 
 
 def _evaluate(problem: _Problem, estimate: WindowEstimate) -> float:
-    cost, known = (
-        linearise_blocks(estimate, problem.anchors, problem.blocks),
-        estimate.step_residuals,
-    )
+    cost = linearise_blocks(estimate, problem.anchors, problem.blocks)
+    known = estimate.step_residuals
     constraint_residuals(estimate.rotations, estimate.centres, problem.constraints, known)
     return cost + float((known**2).sum())
 

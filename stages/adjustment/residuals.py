@@ -164,7 +164,7 @@ def linearise_blocks(
     for i in range(residuals.shape[0]):
         n, observation, ahead = blocks.point[i], blocks.frames[i, 0] == blocks.frames[i, 1], True
         a, b, rho = points[n, 0], points[n, 1], points[n, 2]
-        for x in range(2):
+        for x in range(int(observation), 2):
             f = blocks.frames[i, x]
             for k in range(3):
                 v[k] = anchors.rotation[n, k, 0] * a + anchors.rotation[n, k, 1] * b

@@ -11,7 +11,7 @@ from wayside.stages.geometry import FrenetOffset, cross_matrices
 from wayside.stages.mapping.landmark_evidence import VotedClass, voted_class
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.local_adjustment import LandmarkMeasurement, adjust_jointly
-from wayside.stages.mapping.panel import Panel, box_rays
+from wayside.stages.mapping.panel import Panel
 from wayside.stages.mapping.window import WindowFrame, WindowPoses
 
 BORDER = 1.06
@@ -36,7 +36,7 @@ def measure_landmark(
     it, where that has a prior.
     """
     best = int(fit.frames[best_view(fit.seen)])
-    panel = panel or box_panel(fit, window)
+    panel = panel or box_panel(fit)
     joint = adjust_jointly(window, best, panel) if jointly else None
     if joint is not None:
         return joint
@@ -98,13 +98,13 @@ def point_covariance(
     return (covariance + covariance.T) / 2
 
 
-def box_panel(fit: LandmarkFit, window: Sequence[WindowFrame]) -> Panel:
+def box_panel(fit: LandmarkFit) -> Panel:
     """The panel that the boxes of a landmark show: they follow its inner field, and nothing shows its facing."""
     used = fit.used
     return Panel(
         fit.point,
         fit.frames[used],
-        box_rays(fit, window),
+        fit.seen["ray"][used],
         fit.weight_sigma[used],
         fit.ray_sigma[used],
         centre_sigma=CENTRE_BIAS * fit.metric,

@@ -170,11 +170,6 @@ def across_path(point: Array, held: Sequence[WindowFrame], beside: FrenetOffset)
     return PanelPlane.across(point, ahead, -pose.rotation[:, 1])
 
 
-def box_rays(fit: LandmarkFit, held: Sequence[WindowFrame]) -> Array:
-    """Rays (v, 2) of the centres of the boxes that a landmark was fitted to."""
-    return np.ascontiguousarray(fit.seen["ray"][fit.used])
-
-
 def solve_panel(
     fit: LandmarkFit, registered: RegisteredViews, outline: FaceOutline, held: Sequence[WindowFrame]
 ) -> Panel | None:
@@ -203,7 +198,7 @@ def solve_panel(
     else:  # the depth is that of the boxes
         point, used = points[0], fit.used
         own = [held[frame].motion.pose for frame in fit.frames[used]]
-        shifted = box_rays(fit, held) + _rays(own, point) - _rays(own, fit.point)
+        shifted = fit.seen["ray"][used] + _rays(own, point) - _rays(own, fit.point)
         centre_views = (fit.frames[used], shifted, fit.weight_sigma[used], fit.ray_sigma[used])
     residuals = (_rays(poses, point) - rays) * focal[:, None]
     off = float(np.linalg.norm(point - fit.point))

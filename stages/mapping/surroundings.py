@@ -5,6 +5,7 @@ a lorry or a larger board keeps its surroundings: they look the same round the p
 """
 
 from collections.abc import Iterable
+from functools import partial
 from itertools import combinations, islice
 from math import nan, sqrt
 from typing import NamedTuple
@@ -13,12 +14,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, compiled, compiled_within
 
-SIDES, SAMPLES = 2.5, 60
-"""Width and height of a patch: in those of the panel in its middle, and in samples."""
-GAP = 1.25
-"""Surroundings begin beyond so many sides of the panel: its edge, blurred, is none of them."""
+SIDE, SAMPLES = 24, 60
+"""Samples of the panel in the middle of a patch, and of the patch, each way."""
+PANEL = np.array([[18, 42, 18, 42]])
+"""Rows and columns [top, bottom, left, right] of the panel in a patch."""
+AROUND = np.array([[18, 42, 2, 15], [18, 42, 45, 58], [2, 15, 8, 52]])
+"""The same of what is beside it and above it, but for its blurred edge. Below is a post, which moves with it."""
 SEARCH = 2
 """Samples, each way, by which the boxes of two views may differ: the panels themselves are aligned."""
 SMALLEST_PX = 9.0
@@ -30,23 +33,15 @@ MOST_PAIRS = 24
 NOISE = 4.0
 """Grey levels: what varies less shows nothing."""
 
-_AT = ((np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5) * SIDES
-"""Middles of the samples of a patch, each way, in sides of the panel from its middle."""
-_FIRST, _LAST = np.flatnonzero(np.abs(_AT) < 0.5)[[0, -1]] + [0, 1]
-_PANEL, _SEARCHED = (slice(_FIRST - more, _LAST + more) for more in (0, SEARCH))
-"""Samples of the panel in a patch, each way, and those in which it is searched for."""
-_OUTSIDE = (np.abs(_AT) > GAP / 2) & (np.abs(_AT) < _AT[-SEARCH])
-_BESIDE = np.outer(np.abs(_AT) < 0.5, _OUTSIDE)
-_ABOVE = np.outer(_OUTSIDE & (_AT < 0), np.abs(_AT) < 0.9)
-_AROUND = np.flatnonzero(_BESIDE | _ABOVE)
-"""Numbers of the samples beside and above the panel. Below is a post, which moves with it."""
+Grey = NDArray[np.float32]
+Areas = NDArray[np.int64]
 
 
 class Patch(NamedTuple):
     """A panel and its surroundings: its size, px, and grey levels (`SAMPLES`, `SAMPLES`)."""
 
     size_px: float
-    grey: NDArray[np.float32]
+    grey: Grey
 
 
 def surroundings_correlation(views: Iterable[tuple[NDArray[np.uint8], Array]]) -> float:
@@ -58,20 +53,14 @@ def surroundings_correlation(views: Iterable[tuple[NDArray[np.uint8], Array]]) -
     patches = [patch for patch in (patch_of(*view) for view in views) if patch is not None]
     patches.sort(key=lambda patch: -patch.size_px)
     pairs = ((a, b) for a, b in combinations(patches, 2) if a.size_px >= NEARER * b.size_px)
-    aligned = [_aligned(near, far) for near, far in islice(pairs, MOST_PAIRS)]
-    if not aligned:
-        return nan
-    grey = np.array(aligned, np.float64)
-    grey -= grey.mean(axis=2, keepdims=True)
-    one, other = grey.swapaxes(0, 1)
-    power = (grey**2).sum(axis=2) + grey.shape[2] * NOISE**2
-    return float(np.median((one * other).sum(axis=1) / np.sqrt(power.prod(axis=1))))
+    found = [_correlation(near, far) for near, far in islice(pairs, MOST_PAIRS)]
+    return float(np.median(found)) if found else nan
 
 
 def patch_of(rgb: NDArray[np.uint8], box: Array) -> Patch | None:
-    """An image resampled to `SIDES` times the box; None where the image cuts it off, or the panel is small."""
+    """The box with what surrounds it, resampled; None where the image cuts that off, or the panel is small."""
     x0, y0, x1, y1 = box.tolist()
-    size_px, more = sqrt((x1 - x0) * (y1 - y0)), (SIDES - 1) / 2
+    size_px, more = sqrt((x1 - x0) * (y1 - y0)), (SAMPLES / SIDE - 1) / 2
     left, right = round(x0 - more * (x1 - x0)), round(x1 + more * (x1 - x0))
     top, bottom = round(y0 - more * (y1 - y0)), round(y1 + more * (y1 - y0))
     height, width = rgb.shape[:2]
@@ -83,12 +72,36 @@ def patch_of(rgb: NDArray[np.uint8], box: Array) -> Patch | None:
     return Patch(size_px, small.astype(np.float32))
 
 
-def _aligned(near: Patch, far: Patch) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Samples beside and above the panels of two views, their panels aligned, the near one as blurred as the far."""
-    blurred = cv2.GaussianBlur(near.grey, (0, 0), 0.7 * SAMPLES / SIDES / far.size_px)
-    scores = cv2.matchTemplate(
-        far.grey[_SEARCHED, _SEARCHED], blurred[_PANEL, _PANEL], cv2.TM_CCOEFF_NORMED
-    )
-    _, _, _, (right, down) = cv2.minMaxLoc(scores)
-    moved = _AROUND + (down - SEARCH) * SAMPLES + right - SEARCH
-    return np.asarray(blurred, np.float32).ravel()[_AROUND], far.grey.ravel()[moved]
+def _correlation(near: Patch, far: Patch) -> float:
+    """Correlation of what surrounds the panels of two views, the near one made as blurred as the far."""
+    blurred = cv2.GaussianBlur(near.grey, (0, 0), 0.7 * SIDE / far.size_px)
+    return _aligned_correlation(np.asarray(blurred, np.float32), far.grey, PANEL, AROUND)
+
+
+@compiled
+def _aligned_correlation(near: Grey, far: Grey, panel: Areas, around: Areas) -> float:
+    # Correlation around where the panels correlate best. The patches are (SAMPLES, SAMPLES).
+    best, below, beside = -2.0, 0, 0
+    for down in range(-SEARCH, SEARCH + 1):
+        for right in range(-SEARCH, SEARCH + 1):
+            found = _alike(near, far, panel, down, right)
+            if found > best:
+                best, below, beside = found, down, right
+    return _alike(near, far, around, below, beside)
+
+
+@partial(compiled_within, reorder=True)
+def _alike(near: Grey, far: Grey, areas: Areas, down: int, right: int) -> float:
+    # Correlation of areas of a patch with those so many samples further down and right in another one.
+    x = y = xx = yy = xy = 0.0
+    count = 0
+    for n in range(areas.shape[0]):
+        top, bottom, left, end = areas[n]
+        count += (bottom - top) * (end - left)
+        for i in range(top, bottom):
+            one, other = near[i, left:end], far[i + down, left + right : end + right]
+            for j in range(end - left):
+                a, b = np.float64(one[j]), np.float64(other[j])
+                x, y, xx, yy, xy = x + a, y + b, xx + a * a, yy + b * b, xy + a * b
+    power = (xx - x * x / count + count * NOISE**2) * (yy - y * y / count + count * NOISE**2)
+    return float((xy - x * y / count) / np.sqrt(power))

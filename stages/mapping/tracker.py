@@ -311,10 +311,10 @@ class _Tracker(WindowSolver):
         likely, each = list[int](), boxes.select(np.s_[:, None])
         reported = FaceBoxes.of(self._reported, self._images)
         explained = np.asarray(same_face(each, reported).any(axis=1))
-        then = explained.copy()
+        then, alike = explained.copy(), same_face(each, boxes)
         for k, one in enumerate(ranked):
             if self._verdict(one, explained=then[k]) == "sign":
-                then |= same_face(boxes.select(k), boxes)
+                then |= alike[k]
                 likely.append(k)
         found = self.each(self._measured, [ranked[k] for k in likely])
         measured = dict(zip(likely, found, strict=True))

@@ -65,10 +65,8 @@ class FaceBoxes(Rows):
         depth = np.where(local[..., 2:] > NEAREST_M, local[..., 2:], np.inf)
         centre, half = local[..., :2] / depth, metric[:, None] / depth / 2
         found.box[:] = np.concatenate([centre - half, centre + half], axis=2)
-        of, seen = (
-            np.repeat(np.arange(len(fits)), [len(f.seen) for f in fits]),
-            joined(f.seen for f in fits),
-        )
+        of = np.repeat(np.arange(len(fits)), [len(f.seen) for f in fits])
+        seen = joined(f.seen for f in fits)
         at = np.searchsorted(images.number, seen["image"])
         held = np.flatnonzero(np.append(images.number, -1)[at] == seen["image"])
         of, at, seen = of[held], at[held], seen[held]

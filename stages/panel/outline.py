@@ -170,7 +170,8 @@ def outline_candidates(
         likely = (edge >= SMALLEST_EDGE) & (offset > -SMALLEST_INWARD)
         likely &= (outer[:, 2:] - outer[:, :2]).min(axis=1) >= 1.0
         peaks, edge, outer = peaks[likely], edge[likely], outer[likely]
-        uneven, wide = strip_unevenness(views, segments, low, high), round(STRIP / step) - 1
+        farthest, wide = low + step * peaks.max(initial=0), round(STRIP / step) - 1
+        uneven = strip_unevenness(views, segments, low, farthest)
         strip = [float(uneven[max(0, (i - wide) // 2) : i // 2 + 1].min()) for i in peaks.tolist()]
         features.append(_features(inner, outer, box, edge, np.array(strip)))
         candidates += [inner._replace(box=own) for own in outer]

@@ -143,10 +143,8 @@ def strongest_outline(
     low = -step * np.ceil(max(inward * side + 1, SEARCH) / step)
     high = step * np.ceil(max(outward * side + 1, SEARCH) / step)
     segments, limit = placed(template, start, 0.0), max(-low, high)
-    profiles, last = (
-        edge_profiles(gradients, segments, low, high, step),
-        (high - low) / step - 0.001,
-    )
+    profiles = edge_profiles(gradients, segments, low, high, step)
+    last = (high - low) / step - 0.001
     origin, slope = np.empty(count), np.empty(count)
     for d in range(MOVES.shape[0]):
         for k in range(count):

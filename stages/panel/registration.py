@@ -57,8 +57,10 @@ class RegisteredViews:
         """The views (n, rows, columns, 3) that show the outline, resampled into the template."""
         farthest = OUTLINE_DEPTH_RATIO * self.views[0][0].depth
         near = [view for view in self.views if view[0].depth <= farthest]
-        warped = [warp_to_template(v.rgb, found) for v, found in near[:OUTLINE_VIEWS]]
-        return np.ascontiguousarray(np.stack(warped))
+        (template, _), *others = near[:OUTLINE_VIEWS]
+        return np.array(
+            [template.rgb, *(warp_to_template(v.rgb, a) for v, a in others)], np.float32
+        )
 
     @property
     def box(self) -> Array:

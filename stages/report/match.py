@@ -188,7 +188,7 @@ class _Matcher(WindowSolver):
     def _settle(self, passed: list[LandmarkFit], ahead: list[LandmarkFit]) -> None:
         """Give landmarks to their frames; SIFT points measure those that a gate accepts."""
         for fit in passed:
-            measured = LandmarkMeasurement(fit.point, fit.covariance, box_panel(fit, self._window))
+            measured = LandmarkMeasurement(fit.point, fit.covariance, box_panel(fit))
             views = [(self._window[k], row) for k, row in zip(fit.frames, fit.rows, strict=True)]
             look, many = APPEARANCE * fit.seen["score"].mean(), VIEWS * np.log(len(views))
             self._report(

@@ -84,21 +84,18 @@ class PathLine:
 
     @classmethod
     def of(cls, path: DrivePath) -> "PathLine":
-        """The cubic spline through the poses over the lengths of its chords, as points a metre apart at most."""
-        # takes 0.3 s, which the first image does not wait for
-        from scipy.interpolate import CubicSpline
-
+        """Cubics through the poses, with the slopes of parabolas there, as points a metre apart at most."""
         poses = list(path.poses.values())
         axes = np.array([1.0, 1.0, 0.0 if path.is_level else 1.0])
         centres = np.array([pose.centre for pose in poses]) * axes
         chords = np.linalg.norm(np.diff(centres, axis=0), axis=1)
         knots = np.concatenate([[0.0], np.cumsum(chords)])
         moved = np.concatenate([[True], chords > SHORTEST_M])
-        points, at = centres[:1], knots[:1]
-        if moved.sum() > 1:
-            ends = np.concatenate([[0.0], np.cumsum(np.ceil(np.diff(knots[moved]) / LINE_STEP_M))])
-            at = np.interp(np.arange(ends[-1] + 1), ends, knots[moved])
-            points = CubicSpline(knots[moved], centres[moved])(at)
+        points, at, own = centres[:1], knots[:1], knots[moved]
+        if len(own) > 1:
+            ends = np.cumsum([0.0, *np.ceil(np.diff(own) / LINE_STEP_M)])
+            at = np.interp(np.arange(ends[-1] + 1), ends, own)
+            points = _cubics(at, own, centres[moved])
         steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
         stations = np.concatenate([[0.0], np.cumsum(steps)])
         return cls(axes, points, stations, np.interp(knots, at, stations), poses[0].rotation[:, 2])
@@ -126,6 +123,17 @@ class PathLine:
         curved = inside & (np.abs(curvature) > STRAIGHT_SIGMAS * sigma)
         radius = 1 / np.where(curved, curvature, math.nan)
         return np.stack([radius, radius**2 * sigma])
+
+
+def _cubics(at: Array, knots: Array, points: Array) -> Array:
+    """Points (m, 3) at places (m,) of cubics between knots (n,) through points (n, 3), two at least."""
+    slopes = np.gradient(points, knots, axis=0, edge_order=2 if len(knots) > 2 else 1)
+    k = np.searchsorted(knots[1:-1], at, side="right")
+    length = (knots[k + 1] - knots[k])[:, None]
+    t = (at - knots[k])[:, None] / length
+    chord, first, last = points[k + 1] - points[k], slopes[k] * length, slopes[k + 1] * length
+    bend = 3 * chord - 2 * first - last + t * (first + last - 2 * chord)
+    return np.asarray(points[k] + t * (first + t * bend))
 
 
 def _own_variance(sign: Sign, beyond_m: float) -> float:

@@ -7,7 +7,7 @@ from wayside.schemas.detections import verdict_code
 from wayside.schemas.measurement import Alignment, PanelView
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping import LandmarkClassifier, SideClassifiers, assemble, track
-from wayside.stages.mapping.panel import Panel, PanelMeasurement, PanelModels, box_rays
+from wayside.stages.mapping.panel import Panel, PanelMeasurement, PanelModels
 
 from ..made_frames import OUTLINE_MODEL, drive, landmarks_of, verdicts_of, with_candidates
 from ..made_frames import Panel as MadePanel
@@ -55,7 +55,7 @@ def test_the_shape_of_a_back_is_that_of_the_outline_of_its_panel(
     frames, monkeypatch, outline, shape
 ):
     def measured(fit, window, offset, method):
-        rays, used = box_rays(fit, window), fit.used
+        rays, used = fit.seen["ray"][fit.used], fit.used
         views = fit.frames[used], rays, fit.weight_sigma[used], fit.ray_sigma[used]
         sigma = np.full(2, 0.02)
         panel = Panel(fit.point, *views, sigma, fit.metric, sigma, 0.0, 5.0, outline, 0.1)
