@@ -87,5 +87,5 @@ class BoxClassifier:
 
     def scores(self, rgb: NDArray[np.uint8], box: NDArray[np.float32]) -> NDArray[np.float32]:
         """Log odds (n,) that boxes (n, 4) of an image (height, width, 3) show such a panel."""
-        found = self.network.scores(pyramid_of_boxes(rgb, box), box)
+        found = self.network.scores(*pyramid_of_boxes(rgb, box))
         return found.back if self.back else found.front

@@ -16,10 +16,18 @@ SIDE, INNER = 48, 28
 """Samples of the patch and of the box in it, each way."""
 
 
-def pyramid_of_boxes(rgb: NDArray[np.uint8], box: NDArray[np.float32]) -> Pyramid:
-    """An image at full, half and quarter size; the smaller ones empty where no box (n, 4) is drawn from them."""
-    large = ((box[:, 2:] - box[:, :2]) / INNER >= 2).any()
-    return pyramid(rgb) if large else (rgb, rgb[:0], rgb[:0])
+def pyramid_of_boxes(
+    rgb: NDArray[np.uint8], box: NDArray[np.float32]
+) -> tuple[Pyramid, NDArray[np.float32]]:
+    """What boxes (n, 4) of an image are drawn from, and they in it: the image, or what they show at three sizes."""
+    size = box[:, 2:] - box[:, :2]
+    if not (size / INNER >= 2).any():
+        return (rgb, rgb[:0], rgb[:0]), box
+    # four pixels make one of the smallest size
+    left, top = np.maximum((box[:, :2] - size).min(axis=0) // 4 * 4, 0).astype(int).tolist()
+    right, bottom = ((box[:, 2:] + size).max(axis=0) // 4 * 4 + 4).astype(int).tolist()
+    part = np.ascontiguousarray(rgb[top:bottom, left:right])
+    return pyramid(part), box - np.array([left, top, left, top], np.float32)
 
 
 def drawn_patches(levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.uint8]:

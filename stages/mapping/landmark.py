@@ -42,15 +42,9 @@ def measure_landmark(
         return joint
     known = (f.motion.covariance for f in window)
     steps = [STEP_COVARIANCE if one is None else one for one in known]
-    covariance = point_covariance(
-        *WindowPoses.of(window)[1:],
-        panel.point,
-        panel.frames,
-        panel.weight_sigma,
-        panel.ray_sigma,
-        np.stack(steps),
-        best,
-    )
+    _, rotations, centres = WindowPoses.of(window)
+    views = panel.point, panel.frames, panel.weight_sigma, panel.ray_sigma
+    covariance = point_covariance(rotations, centres, *views, np.stack(steps), best)
     return LandmarkMeasurement(panel.point, covariance, panel)
 
 

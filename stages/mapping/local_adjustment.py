@@ -157,10 +157,8 @@ def window_around(best: int, frames: NDArray[np.int64], most: int) -> tuple[int,
 
 def distributed_ties(window: Sequence[WindowFrame]) -> tuple[StepTies, NDArray[np.int64]]:
     """Ties of all steps that agree with their motion, evenly over the image, and the number of the track of each."""
-    steps = (
-        ties_of_step(k, now.motion, before.camera, now.camera, inliers=True)
-        for k, (before, now) in enumerate(pairwise(window))
-    )
+    pairs = enumerate(pairwise(window))
+    steps = (ties_of_step(k, b.motion, a.camera, b.camera, inliers=True) for k, (a, b) in pairs)
     ties = StepTies.joined([NO_TIES, *steps])
     track = link_tracks(ties.step, ties.corners)
     cell = np.floor(ties.pixel / CELL_PX).astype(np.int64)

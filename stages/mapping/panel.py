@@ -208,23 +208,17 @@ def solve_panel(
     if not (off < max(FARTHEST_OFF_M, FARTHEST_OFF * depth.min())) or (sizes.min() <= 0):
         return None
     stretch_sigma = np.hypot(STRETCH_SIGMA, BLUR_SIGMA * (depth / depth[0] - 1))
-    facing = solve_facing(
-        plane._replace(point=point),
-        centres,
-        sizes,
-        np.hypot(stretch_sigma[:, None], deviations[:, 2:]),
-        cauchy=CAUCHY_SIGMAS,
-        aspect=ASPECT.get(outline.shape),
-    )
+    sigmas, aspect = np.hypot(stretch_sigma[:, None], deviations[:, 2:]), ASPECT.get(outline.shape)
+    seen, plane = (centres, sizes, sigmas), plane._replace(point=point)
+    facing = solve_facing(plane, *seen, cauchy=CAUCHY_SIGMAS, aspect=aspect)
     true_size = np.exp(facing.log_size)
+    size_sigma = true_size * np.sqrt(np.diag(facing.covariance)[1:])
     return Panel(
         point,
         *centre_views,
         centre_sigma=outline.centre_sigma * step,
         size=true_size,
-        sigma_size=np.hypot(
-            outline.size_sigma * step, true_size * np.sqrt(np.diag(facing.covariance)[1:])
-        ),
+        sigma_size=np.hypot(outline.size_sigma * step, size_sigma),
         facing_deg=float(np.degrees(facing.angle)),
         sigma_facing_deg=float(np.degrees(np.sqrt(facing.covariance[0, 0]))),
         shape=outline.shape,

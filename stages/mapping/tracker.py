@@ -289,11 +289,9 @@ class _Tracker(WindowSolver):
     def _surrounded(self, one: _Classified) -> _Classified:
         """The landmark with the evidence of its surroundings, see `surroundings_correlation`."""
         images = [self._window[k].rgb for k in one.fit.frames.tolist()]
-        features = one.evidence.features.copy()
         views = zip(images, one.fit.seen["box"], strict=True)
-        features[SURROUNDINGS] = surroundings_correlation(
-            (rgb, box) for rgb, box in views if rgb is not None
-        )
+        features, seen = one.evidence.features.copy(), ((i, b) for i, b in views if i is not None)
+        features[SURROUNDINGS] = surroundings_correlation(seen)
         return self._classify(one.fit, one.offset, features)
 
     def _ranked(self, fits: Sequence[LandmarkFit]) -> list[_Classified]:

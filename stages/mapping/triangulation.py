@@ -81,9 +81,8 @@ def _solve(views: Views, point: Array, inverse: Array) -> float:
         before, length, right = cost, 1.0, normal.right
         for _ in range(HALVINGS + 1):
             for i in range(3):
-                step = (
-                    inverse[i, 0] * right[0] + inverse[i, 1] * right[1] + inverse[i, 2] * right[2]
-                )
+                row = inverse[i]
+                step = row[0] * right[0] + row[1] * right[1] + row[2] * right[2]
                 trial[i] = point[i] + length * step
             cost = _linearise(views, trial, other)
             if cost <= before:

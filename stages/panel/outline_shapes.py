@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wayside.stages.geometry import cholesky_solve
 from wayside.stages.kernels import Array, compiled
 
 ASPECT = {"triangle": 1.155, "triangle_up": 1.155, "pennant": 1.278}
@@ -120,6 +119,5 @@ def box_round(shape: str, box: Array, rotation: float) -> Array:
 def growth(segments: Segments) -> Array:
     """Change (4,) of the box that moves all segments one sample outwards (least squares)."""
     moves = segments.jacobian[:, :4]
-    change: Array = moves.sum(axis=0)
-    cholesky_solve(moves.T @ moves + SINGULAR * np.eye(4), change)
-    return change
+    normal = moves.T @ moves + SINGULAR * np.eye(4)
+    return np.asarray(np.linalg.solve(normal, moves.sum(axis=0)))
