@@ -51,9 +51,10 @@ def compiled_within(function: Kernel, reorder: bool = False) -> Kernel:
     Their machine code is part of each kernel that calls them and is cached there. They have no cache of their own, and
     no wrapper for callers in Python, which takes long to be compiled where the arguments are many arrays.
     `reorder`: terms of sums are added in any order, several at a time; the last digits then depend on the processor.
+    It is inlined: else the process that compiles it may run another copy, of another order, than those that load it.
     """
     math = {"reassoc", "nsz"} if reorder else False
-    options = _OPTIONS | {"no_cpython_wrapper": True, "fastmath": math}
+    options = _OPTIONS | {"no_cpython_wrapper": True, "fastmath": math, "forceinline": reorder}
     return cast(Kernel, numba.njit(**options)(function))
 
 

@@ -63,8 +63,7 @@ def patch_of(rgb: NDArray[np.uint8], box: Array) -> Patch | None:
     size_px, more = sqrt((x1 - x0) * (y1 - y0)), (SAMPLES / SIDE - 1) / 2
     left, right = round(x0 - more * (x1 - x0)), round(x1 + more * (x1 - x0))
     top, bottom = round(y0 - more * (y1 - y0)), round(y1 + more * (y1 - y0))
-    height, width = rgb.shape[:2]
-    inside = 0 <= left < right <= width and 0 <= top < bottom <= height
+    inside = 0 <= left < right <= rgb.shape[1] and 0 <= top < bottom <= rgb.shape[0]
     if size_px < SMALLEST_PX or not inside:
         return None
     grey = cv2.cvtColor(rgb[top:bottom, left:right], cv2.COLOR_RGB2GRAY)
