@@ -29,6 +29,7 @@ from training.networks import BoxNetwork, DetectionNetwork
 from training.quantization import quantize, quantize_boxes
 from training.truth import DRIVES, OUT, REAL, SEED, command
 from wayside.pipeline.models.model_folder import shipped_models
+from wayside.stages.detection import PATCH_DARK_LEVEL, log_levels
 
 CROPS, BOXES_EACH = 128, 10
 """Crops of a step, and boxes of each of these."""
@@ -180,7 +181,8 @@ class Training:
         network, box = self.learners["network"], self.learners["box"]
         with torch.autocast(self.options.device, torch.bfloat16):
             maps = network.network(crops["rgb"])
-            values = box.network(boxes["patch"], boxes["size"])
+            levels = torch.log(boxes["patch"] + PATCH_DARK_LEVEL)
+            values = box.network(levels, boxes["size"])
         sure = self.step >= SURE_FROM
         parts = [
             network.learn(DetectionNetwork.losses(maps.float(), crops, sure=sure), rate, new),
@@ -211,7 +213,7 @@ class Training:
         names = ("of_box_patch", "of_box_size", "count")
         held = (self.buffer.columns[name][:RANGED_CROPS].cpu().numpy() for name in names)
         return [
-            {"patch": patch[:count], "size": size[:count]}
+            {"patch": log_levels(patch[:count]), "size": size[:count]}
             for patch, size, count in zip(*held, strict=True)
             if count
         ]

@@ -217,9 +217,6 @@ def _weighted_class_loss(logits: Tensor, true: Tensor, weight: Tensor) -> Tensor
 CHANNELS, BLOCKS, HIDDEN, DROPOUT = (24, 48, 96, 128), (0, 1, 2, 1), 160, 0.2
 """Filters and residual blocks at 24, 12, 6 and 3 samples; units behind them, and the fraction dropped in training."""
 
-PATCH_DARK_LEVEL = 16.0
-"""Added to a grey value before its logarithm, so that noise of dark pixels is no contrast."""
-
 USUAL_PX, USUAL_BRIGHTNESS = 24.0, 4.5
 """Height of a box, and logarithm of its brightness, that count as 0."""
 
@@ -228,7 +225,7 @@ OFFSET_WEIGHT, CLASS_WEIGHT, BEND = 0.5, 0.15, 0.05
 
 
 class BoxNetwork(nn.Module):  # type: ignore[misc]
-    """Patches (n, 48, 48, 3) of levels 0 to 255 and sizes (n, 2) in pixels to values (n, `BOX_VALUES`)."""
+    """Patches (n, 48, 48, 3) of log levels and sizes (n, 2) in pixels to values (n, `BOX_VALUES`)."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -243,7 +240,7 @@ class BoxNetwork(nn.Module):  # type: ignore[misc]
 
     def forward(self, patches: Tensor, sizes: Tensor) -> Tensor:
         """Values in the order of `stages.detection.box_network`."""
-        colors, brightness = relative_colors(patches.float())
+        colors, brightness = relative_colors(patches)
         width, height = sizes.float().unbind(1)
         beside = [torch.log(height / USUAL_PX), torch.log(width / height)]
         beside.append(brightness - USUAL_BRIGHTNESS)
@@ -274,20 +271,19 @@ class BoxNetwork(nn.Module):  # type: ignore[misc]
         write_onnx(
             self,
             path,
-            (torch.zeros(2, SIDE, SIDE, 3, dtype=torch.uint8), torch.ones(2, 2)),
+            (torch.zeros(2, SIDE, SIDE, 3), torch.ones(2, 2)),
             ([PATCHES, SIZES], [BOX_OUTPUT]),
             {name: {0: "boxes"} for name in (PATCHES, SIZES, BOX_OUTPUT)},
             provenance,
         )
 
 
-def relative_colors(patches: Tensor) -> tuple[Tensor, Tensor]:
-    """Colours (n, 3, 48, 48) of patches (n, 48, 48, 3), and the log brightness (n,) of the box inside.
+def relative_colors(levels: Tensor) -> tuple[Tensor, Tensor]:
+    """Colours (n, 3, 48, 48) of log levels (n, 48, 48, 3), and the log brightness (n,) of the box inside.
 
     Logarithms of red, green and blue over the mean of the box: illumination multiplies colours, so it is an offset of
     their logarithms.
     """
-    levels = torch.log(patches + PATCH_DARK_LEVEL)
     edge = (SIDE - INNER) // 2
     inside = levels[:, edge : edge + INNER, edge : edge + INNER].mean((1, 2, 3))
     return (levels - inside[:, None, None, None]).permute(0, 3, 1, 2), inside

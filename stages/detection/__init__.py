@@ -10,8 +10,10 @@ from wayside.stages.detection.box_network import SIZES as SIZES
 from wayside.stages.detection.box_network import BoxClassifier as BoxClassifier
 from wayside.stages.detection.box_network import BoxNetwork as BoxNetwork
 from wayside.stages.detection.box_patches import INNER as INNER
+from wayside.stages.detection.box_patches import PATCH_DARK_LEVEL as PATCH_DARK_LEVEL
 from wayside.stages.detection.box_patches import SIDE as SIDE
 from wayside.stages.detection.box_patches import drawn_patches as drawn_patches
+from wayside.stages.detection.box_patches import log_levels as log_levels
 from wayside.stages.detection.detector import SAME_FACE_IOU as SAME_FACE_IOU
 from wayside.stages.detection.detector import detect as detect
 from wayside.stages.detection.detector_outputs import recognised as recognised

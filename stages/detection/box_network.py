@@ -2,7 +2,7 @@
 
 A small convolutional network on a patch of each box. Outputs are the log odds of the front and of the back of a panel,
 and the colour and shape of the face. They also give the offsets of its sides (box regression; Girshick et al. 2014,
-appendix C). Every box is resampled to the same size, so that a far diamond and a near one look alike.
+appendix C).
 """
 
 from dataclasses import dataclass
@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import LEARNED_COLORS, SHAPES
 from wayside.schemas.models import ScoreModel
 from wayside.stages.classifiers import OnnxNetwork
-from wayside.stages.detection.box_patches import SIDE, drawn_patches, pyramid_of_boxes
+from wayside.stages.detection.box_patches import SIDE, drawn_patches, log_levels, pyramid_of_boxes
 from wayside.stages.imaging import Pyramid
 
 PATCHES, SIZES, BOX_OUTPUT = "patches", "sizes", "boxes"
-"""Names of the inputs, patches (n, 48, 48, 3) uint8 and widths and heights (n, 2) in pixels, and of the output."""
+"""Names of the inputs, `log_levels` (n, 48, 48, 3) and widths and heights (n, 2) in pixels, and of the output."""
 OFFSET_AT, COLOR_AT, SHAPE_AT = 2, 6, 6 + len(LEARNED_COLORS)
 BOX_VALUES = SHAPE_AT + len(SHAPES)
 """Values of a box: log odds of a front and of a back, offsets of four sides, scores of colours, scores of shapes."""
@@ -55,7 +55,7 @@ class BoxNetwork:
 
     def __init__(self, path: str) -> None:
         self._network = OnnxNetwork(path, (BOX_OUTPUT,))
-        found = self._values(np.zeros((1, SIDE, SIDE, 3), np.uint8), np.ones((1, 2), np.float32))
+        found = self._values(np.zeros((1, SIDE, SIDE, 3), np.uint8), np.ones((1, 4), np.float32))
         if found.shape != (1, BOX_VALUES):
             raise ValueError(
                 f"a box has {BOX_VALUES} values, but the output has shape {found.shape}"
@@ -66,15 +66,14 @@ class BoxNetwork:
         parts = [np.zeros((0, BOX_VALUES), np.float32)]
         for first in range(0, len(box), TOGETHER):
             some = np.asarray(box[first : first + TOGETHER], np.float32)
-            parts.append(self._values(drawn_patches(levels, some), some[:, 2:] - some[:, :2]))
+            parts.append(self._values(drawn_patches(levels, some), some))
         values = np.concatenate(parts)
         columns = np.split(values, [1, OFFSET_AT, COLOR_AT, SHAPE_AT], axis=1)
         return BoxScores(columns[0][:, 0], columns[1][:, 0], *columns[2:])
 
-    def _values(
-        self, patches: NDArray[np.uint8], sizes: NDArray[np.float32]
-    ) -> NDArray[np.float32]:
-        return self._network.run({PATCHES: patches, SIZES: sizes})[BOX_OUTPUT]
+    def _values(self, patches: NDArray[np.uint8], box: NDArray[np.float32]) -> NDArray[np.float32]:
+        seen = {PATCHES: log_levels(patches), SIZES: box[:, 2:] - box[:, :2]}
+        return self._network.run(seen)[BOX_OUTPUT]
 
 
 @dataclass(frozen=True, slots=True)

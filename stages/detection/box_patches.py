@@ -6,6 +6,7 @@ that the box network was learned with, no settings.
 
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +15,9 @@ from wayside.stages.kernels import compiled, compiled_within, require_array, req
 
 SIDE, INNER = 48, 28
 """Samples of the patch and of the box in it, each way."""
+PATCH_DARK_LEVEL = 16.0
+"""Added to a level before its logarithm, so that noise of dark pixels is no contrast."""
+_LOGARITHMS = np.log(np.arange(256, dtype=np.float32) + np.float32(PATCH_DARK_LEVEL))
 
 
 def pyramid_of_boxes(
@@ -44,6 +48,12 @@ def drawn_patches(levels: Pyramid, box: NDArray[np.float32]) -> NDArray[np.uint8
     result = np.empty((len(box), SIDE, SIDE * 3), np.uint8)
     _draw_all(levels, box, result)
     return result.reshape(-1, SIDE, SIDE, 3)
+
+
+def log_levels(patches: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Logarithms of the levels of one patch and more, (n, 48, 48, 3), in which light that multiplies is an offset."""
+    rows = cv2.LUT(patches.reshape(-1, SIDE * 3), _LOGARITHMS)
+    return np.asarray(rows, np.float32).reshape(patches.shape)
 
 
 @compiled_within

@@ -119,8 +119,8 @@ def read_outputs(outputs: Mapping[str, Array], form: str) -> RawBoxes:
         scores = expit(_one(outputs, "logits", 3))
         found = _best(_corners(_one(outputs, "pred_boxes", 3)), scores)
     elif form == "detr_pixels":
-        numbers = _one(outputs, "labels", 2)
-        found = RawBoxes(_one(outputs, "boxes", 3), _one(outputs, "scores", 2), _whole(numbers))
+        number = np.rint(_one(outputs, "labels", 2)).astype(np.int64)
+        found = RawBoxes(_one(outputs, "boxes", 3), _one(outputs, "scores", 2), number)
     else:
         least = {"yolov5": (0, 6), "yolov8": (5, 0), "detr_classes": (0, 5)}.get(form, (0, 6))
         table = _one(outputs, next(iter(outputs)), 3)
@@ -144,7 +144,7 @@ def _from_table(table: Array, form: str) -> RawBoxes:
         case "detr_classes":
             return _best(_corners(table[:, :4]), table[:, 4:])
     box = _corners(table[:, :4]) if form == "detr" else table[:, :4]
-    return RawBoxes(box, table[:, 4], _whole(table[:, 5]))
+    return RawBoxes(box, table[:, 4], np.rint(table[:, 5]).astype(np.int64))
 
 
 def _one(outputs: Mapping[str, Array], name: str, axes: int) -> Array:
@@ -158,10 +158,6 @@ def _best(box: Array, scores: Array) -> RawBoxes:
     """Boxes with their best class of `scores` (n, classes)."""
     number = scores.argmax(axis=1)
     return RawBoxes(box, scores[np.arange(len(scores)), number], number.astype(np.int64))
-
-
-def _whole(numbers: Array) -> NDArray[np.int64]:
-    return np.asarray(np.rint(numbers), np.int64)
 
 
 def _corners(box: Array) -> Array:

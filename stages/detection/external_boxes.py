@@ -7,7 +7,6 @@ the box network does.
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import PurePosixPath
-from typing import Any
 
 import numpy as np
 
@@ -114,16 +113,12 @@ def classified(
         return candidates
     named = network.scores(pyramid(item.rgb), regions.box)
     candidates = with_names(candidates, rows, named, grey=item.frame.grey)
-    columns: dict[str, Any] = {}
     for name, known in (("color", found.color), ("shape", found.shape)):
         sure = np.flatnonzero(known != NONE)
-        columns[name] = getattr(candidates, name).copy()
-        columns[name][sure] = known[sure]
-        likely = columns[f"{name}_log_probability"] = getattr(
-            candidates, f"{name}_log_probability"
-        ).copy()
+        getattr(candidates, name)[sure] = known[sure]  # `with_names` made these columns
+        likely = getattr(candidates, f"{name}_log_probability")
         likely[sure] = np.nan  # of a class that no network knows, the views vote
         learned = sure[known[sure] < likely.shape[1]]
         likely[learned] = -np.inf
         likely[learned, known[learned]] = 0.0
-    return replace(candidates, **columns)
+    return candidates

@@ -176,8 +176,6 @@ def mean_colors(rgb: NDArray[np.uint8], box: NDArray[np.float32]) -> NDArray[np.
     quarter = (box[:, 2:] - box[:, :2]) / 4
     low = np.floor(box[:, :2] + quarter).astype(int)
     high = np.maximum(np.ceil(box[:, 2:] - quarter).astype(int), low + 1)
-    means = [
-        cv2.mean(rgb[y0:y1, x0:x1])[:3]
-        for (x0, y0), (x1, y1) in zip(low.tolist(), high.tolist(), strict=True)
-    ]
+    inner = np.concatenate([low, high], 1).tolist()
+    means = [cv2.mean(rgb[y0:y1, x0:x1])[:3] for x0, y0, x1, y1 in inner]
     return np.array(means, np.float32).reshape(-1, 3)

@@ -10,7 +10,7 @@ from training.detector_crops import CROP_PX, KNOWN, STRIDE, UNKNOWN, UNSURE, tar
 from training.detector_images import FRONT, LabelledImage
 from wayside.pipeline.models.model_files import onnx_metadata
 from wayside.schemas.detections import LEARNED_COLORS, NONE, SHAPES
-from wayside.stages.detection import BOX_VALUES, INNER, MAPS, SIDE, drawn_patches
+from wayside.stages.detection import BOX_VALUES, INNER, MAPS, SIDE, drawn_patches, log_levels
 from wayside.stages.detection import BoxNetwork as InOnnxRuntime
 from wayside.stages.imaging import pyramid
 
@@ -102,7 +102,7 @@ def scene(seed=1):
 def shown(seed=1):
     """Columns of the boxes of such an image that a network sees."""
     levels, box = scene(seed)
-    return {"patch": drawn_patches(levels, box), "size": box[:, 2:] - box[:, :2]}
+    return {"patch": log_levels(drawn_patches(levels, box)), "size": box[:, 2:] - box[:, :2]}
 
 
 def values_of(torch, asked, seen):
@@ -123,10 +123,9 @@ def settled(torch, networks):
 
 
 def test_colours_hold_whatever_the_exposure_and_the_brightness_tells_it(torch, networks):
-    patches = torch.from_numpy(shown()["patch"]).float() * 0.6 + 60
-    (colors, bright), (dimmer, dark) = (
-        networks.relative_colors(patches * exposure) for exposure in (1.0, 0.5)
-    )
+    patches = drawn_patches(*scene()) * 0.6 + 60
+    seen = [torch.from_numpy(log_levels((k * patches).astype(np.uint8))) for k in (1.0, 0.5)]
+    (colors, bright), (dimmer, dark) = map(networks.relative_colors, seen)
     assert (colors - dimmer).abs().mean() < 0.06
     np.testing.assert_allclose(bright - dark, np.log(2), atol=0.15)
     np.testing.assert_allclose(colors[:, :, EDGE:-EDGE, EDGE:-EDGE].mean((1, 2, 3)), 0, atol=1e-5)

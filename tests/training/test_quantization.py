@@ -10,7 +10,7 @@ from training import quantization
 from training.quantization import _two_digits, rewrite
 from wayside.pipeline.models.model_files import onnx_metadata
 from wayside.stages.classifiers import OnnxNetwork
-from wayside.stages.detection import DetectionNetwork
+from wayside.stages.detection import DetectionNetwork, log_levels
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def files(tmp_path_factory):
     rng = np.random.default_rng(1)
     folder = tmp_path_factory.mktemp("networks")
     images = [rng.integers(0, 256, (64, 96, 3)).astype(np.uint8) for _ in range(2)]
-    patches = rng.integers(0, 256, (5, 48, 48, 3)).astype(np.uint8)
+    patches = log_levels(rng.integers(0, 256, (5, 48, 48, 3)).astype(np.uint8))
     sizes = rng.uniform(8, 90, (5, 2)).astype(np.float32)
     names = "network", "box"
     network, boxes = networks.DetectionNetwork(), networks.BoxNetwork()
