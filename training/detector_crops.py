@@ -94,8 +94,7 @@ def drawn_crop(
         box = draw_distractor(crop.rgb, taken, noise.smooth, rng)
         if box is not None:
             others.append(np.array([box], np.float32))
-    as_taken = rng.random() < AS_TAKEN
-    rgb = crop.rgb if as_taken else through_a_camera(crop.rgb, noise, rng)
+    rgb = crop.rgb if rng.random() < AS_TAKEN else through_a_camera(crop.rgb, noise, rng)
     return replace(crop, rgb=rgb, other=np.concatenate(others))
 
 
@@ -172,13 +171,10 @@ def targets(image: LabelledImage) -> Crop:
     area = np.prod(inside[:, 2:] - inside[:, :2], axis=1)
     positive = shown_faces(image)
     unknown = np.concatenate([image.ignored, inside[~positive & (area > 0)]])
-    for boxes, what in ((unknown, UNKNOWN), (image.other, KNOWN)):
+    for boxes, what in ((unknown, UNKNOWN), (image.other, KNOWN), (inside[positive], KNOWN)):
         for x0, y0, x1, y1 in np.clip(boxes, 0, CROP_PX):
             rows = slice(int(y0 // STRIDE), int(-(-y1 // STRIDE)))
             doubt[:, rows, int(x0 // STRIDE) : int(-(-x1 // STRIDE))] = what
-    for x0, y0, x1, y1 in inside[positive]:
-        rows = slice(int(y0 // STRIDE), int(-(-y1 // STRIDE)))
-        doubt[:, rows, int(x0 // STRIDE) : int(-(-x1 // STRIDE))] = KNOWN
     found: list[tuple[int, int, float]] = []
     # small faces last: where two peaks meet, the smaller face keeps its cells
     for row in sorted(np.flatnonzero(positive).tolist(), key=lambda r: -area[r]):

@@ -171,7 +171,8 @@ def scene_set_images(folder: Path, prefixes: tuple[str, ...] = ("",)) -> Iterato
     checked = checked_boxes(folder.name)
     for scene in listed:
         name = scene["file"]
-        if not name.startswith(prefixes) or _is_doubtful(name):
+        doubtful = name.startswith("ro_") and int(name[3:6]) < LEFT_OUT_RUN
+        if doubtful or not name.startswith(prefixes):
             continue
         rgb = cv2.imread(str(folder / name), cv2.IMREAD_COLOR_RGB)
         if rgb is None:
@@ -203,10 +204,6 @@ def checked_boxes(name: str) -> dict[str, Any]:
 
 def _checked_faces(boxes: dict[str, Any]) -> list[Face]:
     return [(box, FRONT, color, shape) for *box, color, shape in boxes.get("signs", ())]
-
-
-def _is_doubtful(name: str) -> bool:
-    return name.startswith("ro_") and int(name[3:6]) < LEFT_OUT_RUN
 
 
 def _may_be_sign(scene: dict[str, Any], thing: dict[str, Any]) -> bool:
@@ -265,8 +262,7 @@ def real_sources(
         name: partial(real_drive_images, folder / f"{name}.mcap") for name in drives
     }
     for prefix in ("jd", "mi"):
-        read = partial(scene_set_images, folder / "scenes", (f"{prefix}_",))
-        sources[f"scenes/{prefix}"] = read
+        sources[f"scenes/{prefix}"] = partial(scene_set_images, folder / "scenes", (f"{prefix}_",))
     for name in ("scenes_mixed", "scenes_speed_us"):
         sources[name] = partial(scene_set_images, folder / name)
     if unknown := set(without) - sources.keys():

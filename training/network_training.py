@@ -181,8 +181,7 @@ class Training:
         network, box = self.learners["network"], self.learners["box"]
         with torch.autocast(self.options.device, torch.bfloat16):
             maps = network.network(crops["rgb"])
-            levels = torch.log(boxes["patch"] + PATCH_DARK_LEVEL)
-            values = box.network(levels, boxes["size"])
+            values = box.network(torch.log(boxes["patch"] + PATCH_DARK_LEVEL), boxes["size"])
         sure = self.step >= SURE_FROM
         parts = [
             network.learn(DetectionNetwork.losses(maps.float(), crops, sure=sure), rate, new),
@@ -208,15 +207,15 @@ class Training:
         torch.save(state, path)
         path.replace(self.folder / "checkpoint.pt")
 
-    def some_boxes(self) -> list[Columns]:
+    def some_boxes(self) -> Iterator[Columns]:
         """The boxes of some crops, as a box network sees them, a crop each."""
         names = ("of_box_patch", "of_box_size", "count")
         held = (self.buffer.columns[name][:RANGED_CROPS].cpu().numpy() for name in names)
-        return [
+        return (
             {"patch": log_levels(patch[:count]), "size": size[:count]}
             for patch, size, count in zip(*held, strict=True)
             if count
-        ]
+        )
 
     def write(self) -> None:
         """Write the averaged networks: as they were learned, and in 8-bit integers."""

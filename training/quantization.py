@@ -79,20 +79,8 @@ def _quantize(
 LEVELS = 255
 """Steps of a colour of an image from none to full: the networks see 0 to 1."""
 
-CHANNELS, KERNEL, FIRST_STRIDE = 3, 3, 2
-"""Colours of an image; columns and stride of the kernel of a first layer that is rewritten."""
-
-JOINED, SEEN, TOGETHER = 4, 3, 4
-"""Columns of the image that are one then; how many of these the kernel sees, and how many columns of the output it
-makes of them."""
-
-SINGLE = {
-    "kernel_shape": [KERNEL, KERNEL],
-    "strides": [FIRST_STRIDE, FIRST_STRIDE],
-    "pads": [1, 1, 1, 1],
-}
-WIDENED = {"kernel_shape": [KERNEL, SEEN], "strides": [FIRST_STRIDE, 2], "pads": [1, 1, 0, 0]}
-"""Attributes of such a layer, before and after."""
+COLORS, TOGETHER = 3, 4
+"""Colours of an image; columns of it that are one for a first layer that is rewritten, and columns that it makes."""
 
 DIGIT = 128
 """Values of a digit of a weight of the last layer, from -64 to 63."""
@@ -114,9 +102,9 @@ class _Graph:
         return [node for node in self.graph.node if node.op_type == kind]
 
     def before(self, node: Any, kind: str | None = None, at: int = 0) -> Any:
-        """What makes an input of a node; None where that is no node, or not of that kind."""
+        """What makes an input of a node; None where that is no node, or not of that kind, or there is no node."""
         for one in self.graph.node:
-            if node.input[at] in one.output:
+            if node is not None and node.input[at] in one.output:
                 return one if kind in (None, one.op_type) else None
         return None
 
@@ -153,11 +141,6 @@ class _Graph:
         self.graph.node.insert(list(self.graph.node).index(before), node)
         return output
 
-    def remove(self, *nodes: Any) -> None:
-        """Take nodes out."""
-        for node in nodes:
-            self.graph.node.remove(node)
-
     def remove_unused(self) -> None:
         """Take out nodes and stored tensors that nothing takes."""
         outputs = {one.name for one in self.graph.output}
@@ -166,7 +149,8 @@ class _Graph:
             unused = [node for node in self.graph.node if used.isdisjoint(node.output)]
             if not unused:
                 break
-            self.remove(*unused)
+            for node in unused:
+                self.graph.node.remove(node)
         for name in self._stored.keys() - used:
             self.graph.initializer.remove(self._stored.pop(name))
 
@@ -176,6 +160,7 @@ def rewrite(graph: Any) -> None:
     tensors = _Graph(graph)
     _join_levels(tensors)
     _widen_first_layer(tensors)
+    _upsample_by_rows(tensors)
     _split_last_layer(tensors)
     tensors.remove_unused()
     del graph.value_info[:]  # shapes of tensors that are there no more
@@ -187,62 +172,88 @@ def _join_levels(graph: _Graph) -> None:
     An image divided by 255 and quantised in steps of 1 / 255 is that image.
     """
     for node in graph.nodes("DequantizeLinear"):
-        levels = graph.before(node, "QuantizeLinear")
-        divided = None if levels is None else graph.before(levels, "Div")
-        cast = None if divided is None else graph.before(divided, "Cast")
-        if divided is None or cast is None:
+        cast = graph.before(graph.before(graph.before(node, "QuantizeLinear"), "Div"), "Cast")
+        if cast is None:
             continue
         if np.isclose(graph.array(node.input[1]), 1 / LEVELS) and graph.array(node.input[2]) == 0:
             node.input[0] = cast.input[0]
-            graph.remove(graph.before(divided, at=1), levels, divided, cast)
-
-
-def widened_kernel(kernel: NDArray[Any]) -> NDArray[Any]:
-    """The kernel (4 n, 12, 3, 3) that makes, of four columns in one, four columns of what (n, 3, 3, 3) makes."""
-    filters = len(kernel)
-    wide = np.zeros((TOGETHER, filters, JOINED, CHANNELS, KERNEL, SEEN), kernel.dtype)
-    for column in range(TOGETHER):
-        for k in range(KERNEL):
-            # the kernel begins a column left of those that are joined
-            group, at = divmod(JOINED + FIRST_STRIDE * column + k - 1, JOINED)
-            wide[column, :, at, :, :, group] = kernel[:, :, :, k]
-    return wide.reshape(TOGETHER * filters, JOINED * CHANNELS, KERNEL, SEEN)
 
 
 def _widen_first_layer(graph: _Graph) -> None:
-    """Let a first layer of 3 x 3 samples and stride 2 make four columns of its output at once (space to depth).
+    """Let a first layer make four columns of its output at once, of four columns of the image in one (space to depth).
 
     Four columns of three colours are one of twelve channels, so that fewer and wider products are summed, some of them
-    with weights of 0. Where numbers lie in memory stays as it is. The width of an image has to be a multiple of eight
-    from then on.
+    with weights of 0. The width of an image has to be a multiple of eight from then on.
     """
-    from onnx import helper
-
     layer = graph.nodes("Conv")[0]
-    image, weight, bias = (graph.before(layer, "DequantizeLinear", at) for at in range(3))
-    rounded = _rounding_after(layer, graph)
-    if None in (image, weight, bias, rounded):
+    image, weight = (graph.before(layer, "DequantizeLinear", at) for at in range(2))
+    if None in (image, weight, _rounding_after(layer, graph)):
         return
-    kernel = graph.array(weight.input[0])
-    given = {one.name: list(one.ints) for one in layer.attribute if one.name in SINGLE}
-    if given != SINGLE or kernel.shape[1] != CHANNELS:
-        return
+    if graph.array(weight.input[0]).shape[1] == COLORS:
+        _widen(layer, TOGETHER, TOGETHER, 1, graph)
+        shape = 0, 0, -1, TOGETHER * COLORS
+        image.input[0] = _reshaped(image.input[0], shape, image, graph)
+
+
+def _upsample_by_rows(graph: _Graph) -> None:
+    """Let the layer before upsampling to twice as many samples make each column twice, and copy rows of them.
+
+    Onnxruntime copies the channels of every sample by themselves otherwise.
+    """
+    for resize in graph.nodes("Resize"):
+        values, rounded = graph.before(resize, "DequantizeLinear"), _rounding_after(resize, graph)
+        layer = graph.before(graph.before(values, "QuantizeLinear"), "Conv")
+        if None in (layer, rounded) or values.input[1:] != rounded.input[1:]:
+            continue
+        channels = _widen(layer, 2, 1, 2, graph)
+        each = _reshaped(values.input[0], (-1, 1, 0, channels), values, graph)
+        twice = graph.insert(values, "Concat", [each, each], axis=2)
+        larger = _reshaped(twice, (1, -1, 0, channels), values, graph)
+        for user in graph.after(rounded):
+            user.input[0] = larger
+
+
+def _widen(layer: Any, together: int, joined: int, upsampled: int, graph: _Graph) -> int:
+    """Let a layer make `together` columns of its output at once, of `joined` columns of its input in one.
+
+    Where numbers lie in memory stays as it is. `upsampled`: how often each column comes. Returns the number of filters.
+    """
+    shape = {one.name: one.ints for one in layer.attribute}
+    weight, bias = (graph.before(layer, at=at) for at in (1, 2))
+    kernel, stride = graph.array(weight.input[0]), shape["strides"][1] / upsampled
+    wide, left = widened_kernel(kernel, stride, together, joined)
+    step, seen = int(together * stride) // joined, wide.shape[3]
+    shape["strides"][1], shape["kernel_shape"][1] = step, seen
+    shape["pads"][1], shape["pads"][3] = left, seen - step - left
     # what another layer takes as well stays as it is
     for at, node in enumerate((weight, bias), 1):
-        inputs = []
-        for name in node.input:
-            values = graph.array(name)
-            wide = widened_kernel(values) if values.ndim > 1 else np.tile(values, TOGETHER)
-            inputs.append(graph.store(f"{name}/wide", wide))
-        layer.input[at] = graph.insert(layer, node.op_type, inputs, axis=0)
-    for one in [one for one in layer.attribute if one.name in WIDENED]:
-        layer.attribute.remove(one)
-    layer.attribute.extend(helper.make_attribute(*one) for one in WIDENED.items())
+        several = [graph.store(f"{k}/wide", np.tile(graph.array(k), together)) for k in node.input]
+        layer.input[at] = graph.insert(layer, node.op_type, several, axis=0)
+    graph.store(f"{weight.input[0]}/wide", wide)
+    rounded = _rounding_after(layer, graph)
     users = graph.after(rounded)
-    apart = _with_channels(rounded.output[0], len(kernel), users[0], graph)
+    apart = _reshaped(rounded.output[0], (0, 0, -1, len(kernel)), users[0], graph)
     for user in users:
         user.input[0] = apart
-    image.input[0] = _with_channels(image.input[0], JOINED * CHANNELS, image, graph)
+    return len(kernel)
+
+
+def widened_kernel(
+    kernel: NDArray[Any], stride: float, together: int, joined: int
+) -> tuple[NDArray[Any], int]:
+    """The kernel that makes, of `joined` columns in one, `together` columns of what (n, c, rows, k) makes.
+
+    (`together` n, `joined` c, rows, columns), weights that are not used 0, and how far left it begins.
+    """
+    filters, channels, rows, columns = kernel.shape
+    reach = columns // 2
+    left, right = -(-reach // joined), (int((together - 1) * stride) + reach) // joined
+    wide = np.zeros((together, filters, joined, channels, rows, left + 1 + right), kernel.dtype)
+    for column in range(together):
+        for k in range(columns):
+            group, at = divmod(int(column * stride) + k - reach, joined)
+            wide[column, :, at, :, :, left + group] = kernel[:, :, :, k]
+    return wide.reshape(together * filters, joined * channels, rows, -1), left
 
 
 def _rounding_after(layer: Any, graph: _Graph) -> Any:
@@ -253,11 +264,11 @@ def _rounding_after(layer: Any, graph: _Graph) -> Any:
     return users[0] if len(users) == 1 and users[0].op_type == "QuantizeLinear" else None
 
 
-def _with_channels(tensor: str, channels: int, before: Any, graph: _Graph) -> str:
-    """The same bytes with so many channels, and columns to match."""
-    shape = graph.store(f"{tensor}/shape", np.array([0, 0, -1, channels]))
+def _reshaped(tensor: str, shape: Sequence[int], before: Any, graph: _Graph) -> str:
+    """The same bytes in another shape (n, rows, columns, channels); 0: as before, -1: what is left."""
     nhwc = graph.insert(before, "Transpose", [tensor], perm=TO_NHWC)
-    reshaped = graph.insert(before, "Reshape", [nhwc, shape])
+    stored = graph.store(f"{tensor}/shape", np.array(shape))
+    reshaped = graph.insert(before, "Reshape", [nhwc, stored])
     return graph.insert(before, "Transpose", [reshaped], perm=TO_NCHW)
 
 
@@ -280,8 +291,7 @@ def _split_last_layer(graph: _Graph) -> None:
     if weight.shape[2:] != (1, 1) or graph.array(seen.input[2]) != 0:
         return
     scale = float(graph.array(seen.input[1]))
-    odds = weight[: detection.ODDS, :, 0, 0]
-    digits, sums = _two_digits(odds)
+    digits, sums = _two_digits(weight[: detection.ODDS, :, 0, 0])
     stored: dict[str, NDArray[Any]] = {
         "digits": digits,
         "sums": np.asarray(sums * scale, np.float32),
@@ -296,7 +306,6 @@ def _split_last_layer(graph: _Graph) -> None:
     number = graph.insert(layer, "Cast", [summed], to=TensorProto.FLOAT)
     joined = graph.insert(layer, "MatMul", [number, "sums"])
     graph.insert(layer, "Transpose", [joined], detection.HEAT, perm=TO_NCHW)
-    graph.remove(*filter(None, (layer, cast, seen)))
     del graph.graph.output[:]
     shapes = {
         detection.HEAT: (1, detection.ODDS, "rows", "columns"),
