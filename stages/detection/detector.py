@@ -6,19 +6,12 @@ observations together; so the threshold here is low, and the score is passed on.
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import log_softmax
 
-from wayside.schemas.detections import (
-    LEARNED_COLORS,
-    SHAPES,
-    Candidates,
-    Detections,
-    Segmentation,
-    verdict_code,
-)
+from wayside.schemas.detections import Candidates, Detections, Segmentation, verdict_code
 from wayside.schemas.frame import Camera
 from wayside.schemas.models import NetworkSum, ScoreModel
 from wayside.schemas.settings import CandidateSettings
@@ -129,18 +122,13 @@ def with_names(
 
     `grey`: the camera sees no colour, and none is named.
     """
-    color, shape = candidates.color.copy(), candidates.shape.copy()
-    colors, shapes = (
-        np.full((len(candidates), len(names)), np.nan, np.float32)
-        for names in (LEARNED_COLORS, SHAPES)
-    )
-    shapes[rows], shape[rows] = log_softmax(found.shape, axis=1), found.shape.argmax(axis=1)
-    if not grey:
-        colors[rows], color[rows] = log_softmax(found.color, axis=1), found.color.argmax(axis=1)
-    return replace(
-        candidates,
-        color=color,
-        shape=shape,
-        color_log_probability=colors,
-        shape_log_probability=shapes,
-    )
+    columns: dict[str, Any] = {}
+    for name, score, seen in (("color", found.color, not grey), ("shape", found.shape, True)):
+        likely = np.full((len(candidates), score.shape[1]), np.nan, np.float32)
+        columns[name] = getattr(candidates, name).copy()
+        columns[f"{name}_log_probability"] = likely
+        if seen:
+            below = score - score.max(axis=1, keepdims=True)
+            likely[rows] = below - np.log(np.exp(below).sum(axis=1, keepdims=True))
+            columns[name][rows] = score.argmax(axis=1)
+    return replace(candidates, **columns)

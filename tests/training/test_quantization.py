@@ -50,10 +50,9 @@ def files(tmp_path_factory):
     rewrite(model.graph)  # the box network has no such layer
     assert model.SerializeToString() == (folder / "box_rewritten").read_bytes()
     seen = {"image": images[0][None]}, {"patches": patches, "sizes": sizes}
-    outputs = "maps", "boxes"
     return {
         name: (folder / f"{name}_plain", folder / f"{name}_rewritten", feed, output)
-        for name, feed, output in zip(names, seen, outputs, strict=True)
+        for name, feed, output in zip(names, seen, ("maps", "boxes"), strict=True)
     }
 
 
