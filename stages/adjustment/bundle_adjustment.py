@@ -46,10 +46,9 @@ class WindowAdjustment(NamedTuple):
 
     `rotations` (n, 3, 3), `centres` (n, 3): poses, that of the held frame as given. `points` (p, 3): coordinates in
     their anchors. `squares` (m,): of each block, in sigmas. `cost` and `iterations`. `history` (iterations + 1,): sum
-    of the squares at the start and after each iteration. `covariance` (k, k) is taken from the inverse of the normal
-    equations. `gain` (m, 2, k) has its derivatives by the targets of the blocks, in units of their rays. For a point k
-    = 3: its position (3,) in the axes of the poses. For a pose k = 6: rotation vector (rad) and centre, in the axes of
-    the poses. `position` is the centre.
+    of the squares at the start and after each iteration. `position` (3,): of the first point, in the axes of the poses.
+    `covariance` (3, 3) of it is taken from the inverse of the normal equations. `gain` (m, 2, 3) has its derivatives by
+    the targets of the blocks, in units of their rays.
     """
 
     rotations: Array
@@ -77,18 +76,18 @@ class Window(NamedTuple):
     points: Array
     anchors: NDArray[np.int64]
 
-    def checked(self, pose: int | None) -> "Window":
+    def checked(self) -> "Window":
         """The same; ValueError where compiled code would read outside of an array."""
         n, p = len(self.rotations), len(self.points)
         require_array(self.rotations, "rotations", np.float64, (n, 3, 3))
         require_array(self.centres, "centres", np.float64, (n, 3))
         require_array(self.points, "points", np.float64, (p, 3))
         require_array(self.anchors, "anchors", np.int64, (p,))
-        numbers = np.array([self.held, *([] if pose is None else [pose]), *self.anchors])
-        if numbers.min() < 0 or numbers.max() >= n or (pose is None and p == 0):
+        numbers = np.append(self.anchors, self.held)
+        if numbers.min() < 0 or numbers.max() >= n or p == 0:
             raise ValueError(
-                f"held {self.held}, pose {pose} and anchors {self.anchors.min(initial=0)} to "
-                f"{self.anchors.max(initial=0)} must be below {n} frames, and there must be a point ({p}) or a pose"
+                f"held {self.held} and anchors {self.anchors.min(initial=0)} to {self.anchors.max(initial=0)} must be "
+                f"below {n} frames, and there must be a point ({p})"
             )
         return self
 
@@ -98,19 +97,17 @@ def adjust_window(
     blocks: ResidualBlocks,
     constraints: StepConstraints,
     *,
-    pose: int | None = None,
     iterations: int,
     gain: float,
 ) -> WindowAdjustment:
     """Adjust poses and points together.
 
-    `pose`: the frame whose pose the covariance and gain are of; None: the first point's. Both are nan where the normal
-    equations cannot be solved, and very large where nothing measures the pose or point. `iterations`: at most.
-    `gain`: an iteration that lowers the cost by a smaller fraction is the last.
+    Covariance and gain are nan where the normal equations cannot be solved, and very large where nothing measures the
+    point. `iterations`: at most. `gain`: an iteration that lowers the cost by a smaller fraction is the last.
 
     Raises ValueError where an array has another shape or type, or a number refers to no frame or point.
     """
-    rotations, centres, held, points, anchors = window.checked(pose)
+    rotations, centres, held, points, anchors = window.checked()
     n, p, m = len(rotations), len(points), len(blocks.point)
     require_rows(blocks, frames=n, point=p)
     require_rows(constraints, frames=n)
@@ -128,24 +125,19 @@ def adjust_window(
     schedule = Schedule(iterations, gain, damping=1e-4, least_damping=1e-10)
     best, cost, done = _minimise(problem, start, trial, schedule)
     _linearise(problem, best, done)
-    covariance, slopes = uncertainty(normal, best, blocks, pose)
-    if pose is not None:
-        position = best.centres[pose]
-    else:
-        a, b, rho = best.points[0]
-        ray = origins.rotation[0] @ np.array([a, b, 1.0])
-        position = origins.centre[0] + ray / rho
-        by_point = np.column_stack([origins.rotation[0][:, :2], -ray / rho]) / rho
-        covariance, slopes = by_point @ covariance @ by_point.T, slopes @ by_point.T
+    covariance, slopes = uncertainty(normal, best, blocks)
+    a, b, rho = best.points[0]
+    ray = origins.rotation[0] @ np.array([a, b, 1.0])
+    by_point = np.column_stack([origins.rotation[0][:, :2], -ray / rho]) / rho
     return WindowAdjustment(
         *best[:3],
         (best.residuals**2).sum(axis=1),
         float(cost),
         int(done),
         history[: done + 1],
-        position,
-        covariance,
-        slopes,
+        origins.centre[0] + ray / rho,
+        by_point @ covariance @ by_point.T,
+        slopes @ by_point.T,
     )
 
 

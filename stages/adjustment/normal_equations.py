@@ -105,31 +105,26 @@ def reduce_points(normal: NormalEquations, damping: float) -> None:
 
 
 def uncertainty(
-    normal: NormalEquations, estimate: WindowEstimate, blocks: ResidualBlocks, pose: int | None
+    normal: NormalEquations, estimate: WindowEstimate, blocks: ResidualBlocks
 ) -> tuple[Array, Array]:
-    """Covariance (k, k) of a pose (k = 6) or of the first point (k = 3), and its gain (m, 2, k).
+    """Covariance (3, 3) of the coordinates of the first point, and their gain (m, 2, 3).
 
     From the inverse of the normal equations at the estimate; the gain is the derivative by the targets of the blocks.
     Both are nan where there is no inverse.
     """
-    count, size = 3 if pose is None else 6, len(normal.step)
     reduce_points(normal, 0.0)
-    if pose is None:
-        own = normal.inverse[0]
-        reach = normal.mixed[0] @ own  # change of the right side by the point, negative
-    else:
-        own, reach = np.zeros((6, 3)), -np.eye(size)[:, 6 * pose : 6 * pose + 6]
+    own = normal.inverse[0]
+    reach = normal.mixed[0] @ own  # change of the right side by the point, negative
     try:
         half = np.linalg.inv(np.linalg.cholesky(normal.reduced))
     except np.linalg.LinAlgError:
-        return np.full((count, count), np.nan), np.full((len(blocks.point), 2, count), np.nan)
-    # covariance of the poses with what is wanted
+        return np.full((3, 3), np.nan), np.full((len(blocks.point), 2, 3), np.nan)
+    # covariance of the poses with the point
     spread = np.ascontiguousarray(half.T @ (half @ reach))
-    # change (p, k, 3) of what is wanted by each point's right side
+    # change (p, 3, 3) of it by each point's right side
     back = (spread.T @ normal.mixed) @ normal.inverse
-    if pose is None:
-        back[0] += own
+    back[0] += own
     weight = 1 / ((1 + (estimate.residuals**2).sum(axis=1) / blocks.scale**2) * blocks.sigma)
-    by_frame = spread.reshape(-1, 6, count)[blocks.frames].reshape(-1, 12, count)
+    by_frame = spread.reshape(-1, 6, 3)[blocks.frames].reshape(-1, 12, 3)
     gain = estimate.by_point @ back[blocks.point].swapaxes(1, 2) - estimate.by_pose @ by_frame
-    return reach.T @ spread + (own if pose is None else 0.0), weight[:, None, None] * gain
+    return reach.T @ spread + own, weight[:, None, None] * gain

@@ -26,10 +26,17 @@ DIFFERENCE_STEP = 1e-6
 
 
 class EpipolarFit(NamedTuple):
-    """Result of `fit_epipolar`: rotation (3, 3), direction (3,)."""
+    """Result of `fit_epipolar`: rotation (3, 3), direction (3,).
+
+    `jacobian` (5, n + 6): of the residuals in the last iteration, by a rotation vector in previous axes and steps along
+    the `tangent_basis` of the direction. `history` (k + 1,), px squared: sum of the squared Sampson distances at the
+    start and after each iteration of the last fit.
+    """
 
     rotation: Array
     direction: Array
+    jacobian: Array
+    history: Array
 
 
 class _Problem(NamedTuple):
@@ -41,6 +48,7 @@ class _Problem(NamedTuple):
     focal_px: float
     sigma_px: float
     scale_px: float
+    history: Array
     jacobian: Array
     normal: Array
     damped: Array
@@ -87,14 +95,14 @@ def fit_epipolar(
         )
         for _ in range(2)
     )
-    work = np.empty((5, n + 6)), np.empty((5, 5)), np.empty((5, 5))
+    history = np.empty(schedule.iterations + 1)
+    work = history, np.empty((5, n + 6)), np.empty((5, 5)), np.empty((5, 5)), np.empty(5)
     for scale in scales_px:
-        problem = _Problem(
-            previous, current, known, focal_px, sigma_px, scale, *work, np.empty(5), np.empty(5)
-        )
-        best = _fit(problem, best, trial, schedule)
+        problem = _Problem(previous, current, known, focal_px, sigma_px, scale, *work, np.empty(5))
+        best, done = _fit(problem, best, trial, schedule)
         trial = _Estimate(best.rotations.copy(), best.centres.copy(), np.empty(n + 6))
-    return EpipolarFit(best.rotations[1], best.centres[1])
+    history[done] = (best.residuals[:n] ** 2).sum()
+    return EpipolarFit(best.rotations[1], best.centres[1], work[1], history[: done + 1])
 
 
 def sampson_px(
@@ -197,6 +205,7 @@ def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
             jacobian[k, i] = (jacobian[k, i] - residuals[i]) / DIFFERENCE_STEP
     normal[:] = 0.0
     right[:] = 0.0
+    problem.history[iteration] = (residuals[:n] ** 2).sum()
     for i in range(n + 6):
         weight = 1.0
         if i < n:
@@ -225,6 +234,8 @@ _minimise = minimiser(_evaluate, _linearise, _solve)
 
 
 @compiled
-def _fit(problem: _Problem, start: _Estimate, trial: _Estimate, schedule: Schedule) -> _Estimate:
-    best, _, _ = _minimise(problem, start, trial, schedule)
-    return best
+def _fit(
+    problem: _Problem, start: _Estimate, trial: _Estimate, schedule: Schedule
+) -> tuple[_Estimate, int]:
+    best, _, done = _minimise(problem, start, trial, schedule)
+    return best, done

@@ -77,26 +77,54 @@ def tie_corners(
 
 
 def _strongest(level: NDArray[np.uint8], most: int) -> NDArray[np.int64]:
-    """Places (n, 2) of the strongest corners of each cell, no weaker than their neighbours."""
+    """Places (n, 2) of the strongest corners of each cell, no weaker than their neighbours; the strongest first."""
     strength = np.zeros_like(level)
     _fill_strength(level, strength)
-    strength[:, :MARGIN_PX] = strength[:, -MARGIN_PX:] = 0
-    around = cv2.dilate(strength, np.ones((3, 3), np.uint8))
-    # twice as fast as nonzero on two axes
-    best = np.flatnonzero((strength == around) & (strength >= CORNER_CONTRAST))
-    best = best[np.argsort(~strength.ravel()[best], kind="stable")]
-    places = np.column_stack([best % level.shape[1], best // level.shape[1]])
-    return np.asarray(places[first_of_cells(places - MARGIN_PX, CORNER_CELL_PX, most)])
+    # whole numbers that order corners by strength, then by place, row after row
+    rows, columns = (1 + side // CORNER_CELL_PX for side in level.shape)
+    least = (CORNER_CONTRAST - 1 << 32) - level.size
+    best = np.full((rows, columns, most), least)
+    _fill_strongest(strength, best)
+    place = -np.sort(best[best > least])[::-1] & 0xFFFFFFFF
+    return np.column_stack([place % level.shape[1], place // level.shape[1]])
 
 
 @compiled
 def _fill_strength(level: NDArray[np.uint8], strength: NDArray[np.uint8]) -> None:
-    height, width = level.shape
+    height, left, right = level.shape[0], MARGIN_PX, level.shape[1] - MARGIN_PX
+    part = slice(left - 3, right + 3)
     for grey in (level, ~level):
         for y in range(MARGIN_PX, height - MARGIN_PX):
-            above = grey[y - 3], grey[y - 2], grey[y - 1]
-            below = grey[y + 1], grey[y + 2], grey[y + 3]
-            _raise_strength(above, grey[y], below, strength[y, 3 : width - 3])
+            above = grey[y - 3, part], grey[y - 2, part], grey[y - 1, part]
+            below = grey[y + 1, part], grey[y + 2, part], grey[y + 3, part]
+            _raise_strength(above, grey[y, part], below, strength[y, left:right])
+
+
+@compiled
+def _fill_strongest(strength: NDArray[np.uint8], best: NDArray[np.int64]) -> None:
+    height, width = strength.shape
+    for y in range(MARGIN_PX, height - MARGIN_PX):
+        above, row, below = strength[y - 1], strength[y], strength[y + 1]
+        for left in range(MARGIN_PX, width - MARGIN_PX, CORNER_CELL_PX):
+            values = best[(y - MARGIN_PX) // CORNER_CELL_PX, (left - MARGIN_PX) // CORNER_CELL_PX]
+            right, peak = min(left + CORNER_CELL_PX, width - MARGIN_PX), row[left]
+            for x in range(left, right):
+                peak = max(peak, row[x])
+            weakest = (values[-1] >> 32) + 1
+            if peak <= weakest:
+                continue
+            for x in range(left, right):
+                if row[x] <= weakest:
+                    continue
+                around = max(above[x - 1], above[x], above[x + 1], row[x - 1])
+                if row[x] < max(around, row[x + 1], below[x - 1], below[x], below[x + 1]):
+                    continue
+                found, k = (int(row[x]) << 32) - (y * width + x), len(values) - 1
+                while k > 0 and values[k - 1] < found:
+                    values[k] = values[k - 1]
+                    k -= 1
+                values[k] = found
+                weakest = (values[-1] >> 32) + 1
 
 
 @compiled_within
@@ -138,16 +166,3 @@ def _describe(
                 darker = pixels[at + first[k + bit]] < pixels[at + second[k + bit]]
                 code |= int(darker) << bit
             codes[n, k // 8] = code
-
-
-def first_of_cells(
-    places: NDArray[np.floating[Any]], side_px: float, most: int
-) -> NDArray[np.bool_]:
-    """Which places (n, 2) px are among the first `most` of their square cell of an image."""
-    cell = np.floor(places / side_px).astype(np.int64)
-    key = cell[:, 1] * (cell[:, 0].max(initial=0) + 1) + cell[:, 0]
-    # numbers of 16 bits are sorted several times as fast
-    order = np.argsort(key.astype(np.min_scalar_type(key.max(initial=0))), kind="stable")
-    kept = np.empty(len(key), np.bool_)
-    kept[order] = np.arange(len(key)) - np.searchsorted(key[order], key[order]) < most
-    return kept

@@ -1,8 +1,8 @@
 """Motion and points of two images adjusted together, with the length of the baseline held (report chapter 8).
 
-This is the adjustment of a window of two frames. The first one is held, a tie is two observations of one point, and the
-length of the step is known. Only the prior measures that length, so inverse depths are in units of the baseline: its
-length drops out and only scales the result.
+Each point is measured in these two images only, so the adjustment eliminates it: what it leaves of the errors of a tie
+is the Sampson distance, to first order, and motion alone is unknown. The points follow from the motion. Only the prior
+measures the length of the step; inverse depths are in units of it.
 """
 
 from typing import NamedTuple
@@ -11,26 +11,26 @@ import numpy as np
 
 from wayside.schemas.motion import StepPrior
 from wayside.stages.adjustment import (
-    QUADRATIC,
     TIE_ERRORS,
     WINDOW_ITERATIONS,
-    ResidualBlocks,
-    StepConstraints,
     TieErrors,
-    Window,
-    adjust_window,
     correlated_covariance,
     correlated_sigma_px,
 )
-from wayside.stages.geometry import pair_midpoint
-from wayside.stages.kernels import Array, require_array
+from wayside.stages.geometry import Schedule, cross_matrices, tangent_basis
+from wayside.stages.kernels import Array
+from wayside.stages.odometry.epipolar import fit_epipolar
 
 PAIR_GAIN = 1e-4
 """The adjustment ends where an iteration lowers the cost by less: .01 sigmas off the minimum."""
-FINE_LAST_SCALE_PX = 0.24
-"""Cauchy scale of the last fine fit, and of the adjustment."""
-LENGTH_SIGMA = 1e-3
-"""Of the baseline, in its own units (numerical): nothing else measures it, and its own scatter is added at the end."""
+FINE_LAST_SCALE_PX = 2.385 * TIE_ERRORS.sigma_px
+"""Cauchy scale of the last fine fit, and of the adjustment: of normal errors it uses 95 % of what they tell (Holland
+and Welsch 1977)."""
+
+LEAST_SLOPE = 1e-12
+"""Least square of a length that is divided by: at the focus of expansion it is zero."""
+UNMEASURED = 1e-9
+"""Added to the diagonal of the normal equations: what nothing measures has a very large variance."""
 
 
 class PairAdjustment(NamedTuple):
@@ -80,55 +80,53 @@ def adjust_pair(  # noqa: PLR0913 - half of them are constants that tests vary
     `focal_px`: pixels of one unit of the rays. `scale_px`: of the robust cost. `scatter`: errors of these ties over the
     stated ones, 1 or more (`tie_scatter`), which enlarges the covariance.
 
-    The covariance is nan where the normal equations are singular (no points and no prior).
-
     Raises ValueError where an array has another shape or type.
     """
-    n = len(previous)
-    require_array(previous, "previous", np.float64, (n, 2))
-    require_array(current, "current", np.float64, (n, 2))
-    numbers, sigma = np.arange(n, dtype=np.int64), np.full(n, errors.sigma_px / focal_px)
-    # An error is divided between both images: half of its square is in the second one.
-    scale = scale_px / errors.sigma_px / np.sqrt(2)
-    blocks = ResidualBlocks.joined(
-        [
-            ResidualBlocks.observations(np.zeros(n, np.int64), numbers, previous, sigma, QUADRATIC),
-            ResidualBlocks.observations(np.ones(n, np.int64), numbers, current, sigma, scale),
-        ]
+    rotation, direction, jacobian, history = fit_epipolar(
+        previous,
+        current,
+        start,
+        prior,
+        focal_px=focal_px,
+        sigma_px=errors.sigma_px,
+        scales_px=(scale_px,),
+        schedule=Schedule(iterations, gain),
     )
-    # Points start where the rays meet, at infinity where they do not meet ahead of both cameras.
-    met = pair_midpoint(previous, current, *start)
-    depth = np.where(met.ahead & (met.point[:, 2] > 1), met.point[:, 2], np.inf)
-    found = adjust_window(
-        Window(
-            np.stack([np.eye(3), start[0]]),
-            np.stack([np.zeros(3), start[1]]),
-            0,
-            np.column_stack([previous, 1 / depth]),
-            np.zeros(n, np.int64),
-        ),
-        blocks,
-        StepConstraints.of([prior._replace(length_m=1.0, sigma_m=LENGTH_SIGMA)]),
-        pose=1,
-        iterations=iterations,
-        gain=gain,
-    )
-    direction = found.centres[1] / np.linalg.norm(found.centres[1])
-    offset = found.points[:, :2] - direction[:2] / direction[2]
-    displacement = focal_px * np.maximum(found.points[:, 2], 0) * np.linalg.norm(offset, axis=1)
+    n, essential = len(previous), cross_matrices(direction) @ rotation
+    first, second = (np.column_stack([rays, np.ones(n)]) for rays in (previous, current))
+    lines = second @ essential.T
+    slope = np.hstack([lines[:, :2], first @ essential[:, :2]])
+    steep = np.sqrt(np.maximum((slope**2).sum(axis=1), LEAST_SLOPE))
+    slope /= steep[:, None]
+    distance = (first * lines).sum(axis=1) / steep
+    # The point of a tie lies where the rays meet that are nearest to those measured.
+    first[:, :2] -= distance[:, None] * slope[:, :2]
+    nearest = current - distance[:, None] * slope[:, 2:]
+    far, toward = first @ rotation, direction @ rotation
+    across, moved = toward[:2] - nearest * toward[2], far[:, :2] - nearest * far[:, 2:]
+    inverse_depth = (across * moved).sum(axis=1) / np.maximum((across**2).sum(axis=1), LEAST_SLOPE)
+    offset = first[:, :2] - direction[:2] / direction[2]
+    displacement = focal_px * np.maximum(inverse_depth, 0) * np.linalg.norm(offset, axis=1)
+    # rotation vector and direction by the unknowns, and by each tie's distance
+    unknowns = np.zeros((6, 5))
+    unknowns[:3, :3], unknowns[3:, 3:] = np.eye(3), tangent_basis(direction).T
+    weight = 1 / ((1 + (focal_px * distance / scale_px) ** 2) * errors.sigma_px**2)
+    weighted = jacobian * np.append(weight, np.ones(6))
+    spread = unknowns @ np.linalg.inv(weighted @ jacobian.T + UNMEASURED * np.eye(5))
+    gain = (spread @ weighted[:, :n]).T
     # Weights use the stated errors: larger ones change the stated covariance, not the motion.
-    alone = np.sqrt(scatter**2 - 1) * errors.sigma_px / focal_px * found.gain.reshape(-1, 6)
+    alone = np.sqrt(scatter**2 - 1) * errors.sigma_px * gain
     shared_px = scatter * correlated_sigma_px(displacement, errors)
-    effect = shared_px[:, None, None] * found.gain[n:] / focal_px
+    effect = (shared_px[:, None] * slope[:, 2:])[:, :, None] * gain[:, None]
     shared = correlated_covariance(
         current * focal_px, np.zeros(n, np.int64), effect, errors.reach_px
     )
     return PairAdjustment(
-        found.rotations[1],
+        rotation,
         direction,
-        found.points,
+        np.column_stack([first[:, :2], inverse_depth]),
         displacement,
-        found.covariance + alone.T @ alone + shared,
-        found.iterations,
-        errors.sigma_px * np.sqrt(found.history / (4 * max(n, 1))),
+        spread @ unknowns.T + alone.T @ alone + shared,
+        len(history) - 1,
+        np.sqrt(history / (4 * max(n, 1))),
     )

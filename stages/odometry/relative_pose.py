@@ -143,7 +143,7 @@ def fit_relative_pose(
     previous = rays_of_ideal(before.camera, tied.previous)
     current = rays_of_ideal(now.camera, tied.current)
     focal_px = now.focal_px
-    rotation, direction = fit_epipolar(
+    rotation, direction, *_ = fit_epipolar(
         previous,
         current,
         start,
@@ -179,18 +179,18 @@ def fit_coarse_motion(
     """Rotation and direction from matched rays (n, 2), to about a pixel, and the number of inliers."""
     # In forward motion, direction and yaw have similar effects: the direction is held first.
     sigma = np.minimum(prior.sigma_direction, radians(HELD_DIRECTION_DEG))
-    fit: tuple[Array, Array] = predicted, prior.direction
+    fit: tuple[Array, ...] = predicted, prior.direction
     held = prior._replace(sigma_direction=sigma)
     for known, scales_px in ((held, COARSE_SCALES_PX), (prior, COARSE_SCALES_PX[-1:])):
         fit = fit_epipolar(
             previous,
             current,
-            fit,
+            (fit[0], fit[1]),
             known,
             focal_px=focal_px,
             sigma_px=COARSE_SIGMA_PX,
             scales_px=scales_px,
             schedule=FIT,
         )
-    distances = sampson_px(previous, current, *fit, focal_px)
+    distances = sampson_px(previous, current, *fit[:2], focal_px)
     return EpipolarFit(*fit), int((np.abs(distances) < COARSE_INLIER_PX).sum())

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import Detections
 from wayside.schemas.frame import Camera
 from wayside.stages.geometry import distort_points, ideal_of_rays, ideal_points, rays_of_ideal
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, compiled
 from wayside.stages.odometry.descriptor_matching import match_in_bands
-from wayside.stages.odometry.features import first_of_cells
 from wayside.stages.odometry.patch_registration import register_patches
 
 COARSE_BITS, COARSE_RATIO = 64, 0.85
@@ -253,3 +252,21 @@ def register_road(pair: PairMotion, ground: GroundPlane, tied: RegisteredTies) -
         np.concatenate([tied.sigma, found.sigma[good]]),
         tied.tried,
     )
+
+
+def first_of_cells(places: NDArray[np.float32], side_px: float, most: int) -> NDArray[np.bool_]:
+    """Which places (n, 2) px are among the first `most` of their square cell of an image."""
+    cell = np.floor(places / side_px).astype(np.int64)
+    key = cell[:, 1] * (cell[:, 0].max(initial=0) + 1) + cell[:, 0]
+    kept = np.empty(len(key), np.bool_)
+    _keep_first(key, most, np.zeros(key.max(initial=0) + 1, np.int64), kept)
+    return kept
+
+
+@compiled
+def _keep_first(
+    key: NDArray[np.int64], most: int, count: NDArray[np.int64], kept: NDArray[np.bool_]
+) -> None:
+    for i in range(len(key)):
+        kept[i] = count[key[i]] < most
+        count[key[i]] += 1
