@@ -17,6 +17,7 @@ from wayside.stages.odometry.pair_adjustment import FINE_LAST_SCALE_PX, PAIR_GAI
 from wayside.stages.odometry.tie_points import (
     COARSE_BITS,
     COARSE_RATIO,
+    GUIDED_WIDTH_PX,
     KeypointImage,
     PairMotion,
     RegisteredTies,
@@ -42,8 +43,8 @@ INLIER_PX = 0.4
 """Sampson distance of an inlier of a fine fit."""
 INLIER_RATIO = 0.5
 """Below this share of inliers other starts are tried: no other motion has more ties than one that half of them show."""
-SETTLED_DEG, ROUNDS = 0.1, 3
-"""Ties are registered again while the direction changes more, in so many rounds at most."""
+ROUNDS = 3
+"""Ties are registered again while the epipole moves by more than the width of their bands, so often at most."""
 START_YAW_STEP_DEG, START_YAWS = 0.3, 3
 """Step of the yaws from which ties are registered again, and their number on either side of the prediction."""
 
@@ -123,7 +124,7 @@ def _refine(pair: PairMotion, prior: StepPrior) -> RelativePose:
         start = pair.rotation, pair.direction
         pose = fit_relative_pose(pair.before, pair.now, tied, start, prior)
         pair = replace(pair, rotation=pose.rotation, direction=pose.direction)
-        if np.abs(pose.direction - start[1]).max() < radians(SETTLED_DEG):
+        if np.abs(pose.direction - start[1]).max() * pair.now.focal_px < GUIDED_WIDTH_PX:
             break
     if pair.ground is None:
         return pose
