@@ -22,6 +22,7 @@ from wayside.stages.odometry import (
     KeypointImage,
     MotionPrior,
     Mount,
+    PairMotion,
     RegisteredTies,
     RelativePose,
     VisualOdometry,
@@ -284,9 +285,8 @@ class SimulatedDrive:
         tied = RegisteredTies(
             previous, current, rows, warp, sigma, (rows, np.column_stack([current, warp, sigma]))
         )
-        pose = fit_relative_pose(
-            before, now, tied, (coarse.rotation, coarse.direction), expected.prior
-        )
+        pair = PairMotion(before, now, coarse.rotation, coarse.direction)
+        pose = fit_relative_pose(pair, tied, expected.prior)
         return pose if pose.inliers >= fewest else None
 
     def _drift(self, uv: Array) -> Array:

@@ -45,7 +45,7 @@ class WindowAdjustment(NamedTuple):
     """Result of `adjust_window`.
 
     `rotations` (n, 3, 3), `centres` (n, 3): poses, that of the held frame as given. `points` (p, 3): coordinates in
-    their anchors. `squares` (m,): of each block, in sigmas. `cost` and `iterations`. `history` (iterations + 1,): sum
+    their anchors. `squares` (m,): of each block, in sigmas. `cost`. `history` (iterations + 1,): sum
     of the squares at the start and after each iteration. `position` (3,): of the first point, in the axes of the poses.
     `covariance` (3, 3) of it is taken from the inverse of the normal equations. `gain` (m, 2, 3) has its derivatives by
     the targets of the blocks, in units of their rays.
@@ -56,7 +56,6 @@ class WindowAdjustment(NamedTuple):
     points: Array
     squares: Array
     cost: float
-    iterations: int
     history: Array
     position: Array
     covariance: Array
@@ -133,7 +132,6 @@ def adjust_window(
         *best[:3],
         (best.residuals**2).sum(axis=1),
         float(cost),
-        int(done),
         history[: done + 1],
         origins.centre[0] + ray / rho,
         by_point @ covariance @ by_point.T,

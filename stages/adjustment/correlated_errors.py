@@ -32,7 +32,7 @@ SCATTER_QUANTILE = 0.75
 """Quantile that is compared: by the median, errors of directions are raised too little."""
 
 
-def tie_scatter(distance_px: Array) -> float:
+def tie_scatter(distance_px: Array, sigma_px: float = TIE_ERRORS.sigma_px) -> float:
     """How many times larger the errors of the ties of a step are than stated, by their Sampson distances (n,).
 
     A quantile of the distances, in stated standard deviations, over that of a normal distribution: how large gross
@@ -43,8 +43,8 @@ def tie_scatter(distance_px: Array) -> float:
     if len(distance_px) == 0:
         return 1.0
     normal = NormalDist().inv_cdf((1 + SCATTER_QUANTILE) / 2)
-    found = float(np.quantile(np.abs(distance_px), SCATTER_QUANTILE))
-    return max(1.0, found / TIE_ERRORS.sigma_px / normal)
+    found = float(np.sort(np.abs(distance_px))[int(SCATTER_QUANTILE * len(distance_px))])
+    return max(1.0, found / sigma_px / normal)
 
 
 def correlated_sigma_px(displacement_px: Array, errors: TieErrors = TIE_ERRORS) -> Array:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.frame import Camera
 
-_STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 20, 1e-9)
+_STOP = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 20, 1e-6)
 
 
 def ideal_points(camera: Camera, points: NDArray[np.floating[Any]]) -> NDArray[np.float64]:

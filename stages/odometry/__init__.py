@@ -17,6 +17,7 @@ from wayside.stages.odometry.relative_pose import RelativePose as RelativePose
 from wayside.stages.odometry.relative_pose import fit_coarse_motion as fit_coarse_motion
 from wayside.stages.odometry.relative_pose import fit_relative_pose as fit_relative_pose
 from wayside.stages.odometry.tie_points import KeypointImage as KeypointImage
+from wayside.stages.odometry.tie_points import PairMotion as PairMotion
 from wayside.stages.odometry.tie_points import RegisteredTies as RegisteredTies
 from wayside.stages.odometry.visual_odometry import VisualOdometry as VisualOdometry
 from wayside.stages.odometry.visual_odometry import estimate_motion as estimate_motion

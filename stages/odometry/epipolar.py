@@ -26,7 +26,7 @@ DIFFERENCE_STEP = 1e-6
 
 
 class EpipolarFit(NamedTuple):
-    """Result of `fit_epipolar`: rotation (3, 3), direction (3,).
+    """Result of `fit_epipolar`: rotation (3, 3), direction (3,), and the Sampson distances (n,), signed, px.
 
     `jacobian` (5, n + 6): of the residuals in the last iteration, by a rotation vector in previous axes and steps along
     the `tangent_basis` of the direction. `history` (k + 1,), px squared: sum of the squared Sampson distances at the
@@ -35,6 +35,7 @@ class EpipolarFit(NamedTuple):
 
     rotation: Array
     direction: Array
+    distance_px: Array
     jacobian: Array
     history: Array
 
@@ -99,10 +100,11 @@ def fit_epipolar(
     work = history, np.empty((5, n + 6)), np.empty((5, 5)), np.empty((5, 5)), np.empty(5)
     for scale in scales_px:
         problem = _Problem(previous, current, known, focal_px, sigma_px, scale, *work, np.empty(5))
-        best, done = _fit(problem, best, trial, schedule)
+        best, _, done = _fit(problem, best, trial, schedule)
         trial = _Estimate(best.rotations.copy(), best.centres.copy(), np.empty(n + 6))
-    history[done] = (best.residuals[:n] ** 2).sum()
-    return EpipolarFit(best.rotations[1], best.centres[1], work[1], history[: done + 1])
+    distance = best.residuals[:n]
+    history[done] = (distance**2).sum()
+    return EpipolarFit(best.rotations[1], best.centres[1], distance, work[1], history[: done + 1])
 
 
 def sampson_px(
@@ -236,6 +238,5 @@ _minimise = minimiser(_evaluate, _linearise, _solve)
 @compiled
 def _fit(
     problem: _Problem, start: _Estimate, trial: _Estimate, schedule: Schedule
-) -> tuple[_Estimate, int]:
-    best, _, done = _minimise(problem, start, trial, schedule)
-    return best, done
+) -> tuple[_Estimate, float, int]:
+    return _minimise(problem, start, trial, schedule)

@@ -107,10 +107,10 @@ def _fill_strongest(strength: NDArray[np.uint8], best: NDArray[np.int64]) -> Non
         above, row, below = strength[y - 1], strength[y], strength[y + 1]
         for left in range(MARGIN_PX, width - MARGIN_PX, CORNER_CELL_PX):
             values = best[(y - MARGIN_PX) // CORNER_CELL_PX, (left - MARGIN_PX) // CORNER_CELL_PX]
-            right, peak = min(left + CORNER_CELL_PX, width - MARGIN_PX), row[left]
+            right, weakest = min(left + CORNER_CELL_PX, width - MARGIN_PX), (values[-1] >> 32) + 1
+            peak = row[left]
             for x in range(left, right):
                 peak = max(peak, row[x])
-            weakest = (values[-1] >> 32) + 1
             if peak <= weakest:
                 continue
             for x in range(left, right):

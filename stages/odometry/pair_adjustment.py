@@ -16,17 +16,17 @@ from wayside.stages.adjustment import (
     TieErrors,
     correlated_covariance,
     correlated_sigma_px,
+    tie_scatter,
 )
 from wayside.stages.geometry import Schedule, cross_matrices, tangent_basis
 from wayside.stages.kernels import Array
 from wayside.stages.odometry.epipolar import fit_epipolar
 
-PAIR_GAIN = 1e-4
-"""The adjustment ends where an iteration lowers the cost by less: .01 sigmas off the minimum."""
+FIT = Schedule(WINDOW_ITERATIONS, gain=1e-4)
+"""Of every fit to ties: it ends .01 sigmas off the minimum."""
 FINE_LAST_SCALE_PX = 2.385 * TIE_ERRORS.sigma_px
 """Cauchy scale of the last fine fit, and of the adjustment: of normal errors it uses 95 % of what they tell (Holland
 and Welsch 1977)."""
-
 LEAST_SLOPE = 1e-12
 """Least square of a length that is divided by: at the focus of expansion it is zero."""
 UNMEASURED = 1e-9
@@ -39,8 +39,8 @@ class PairAdjustment(NamedTuple):
     `rotation` (3, 3), `direction` (3,): pose of the second camera in the first one's frame, up to its length. `points`
     (n, 3): ray (x/z, y/z) in the first image, and baseline over depth. `displacement_px` (n,): of each tie in the image
     by travel alone. `covariance` (6, 6) of rotation vector (rad) and direction in the first camera's axes, errors that
-    neighbouring ties share included. `iterations`. `history_px` (iterations + 1,): RMS of eq. 7.5 per coordinate over
-    the points at the start and after each iteration.
+    neighbouring ties share included. `scatter`: errors of the ties over those stated (`tie_scatter`), by which it is
+    enlarged. `history_px` (k + 1,): RMS of eq. 7.5 per coordinate at the start and after each of k iterations.
     """
 
     rotation: Array
@@ -48,7 +48,7 @@ class PairAdjustment(NamedTuple):
     points: Array
     displacement_px: Array
     covariance: Array
-    iterations: int
+    scatter: float
     history_px: Array
 
     def step_covariance(self, baseline_m: float, sigma_m: float) -> Array:
@@ -61,7 +61,7 @@ class PairAdjustment(NamedTuple):
         return np.asarray(covariance)
 
 
-def adjust_pair(  # noqa: PLR0913 - half of them are constants that tests vary
+def adjust_pair(
     previous: Array,
     current: Array,
     start: tuple[Array, Array],
@@ -70,19 +70,16 @@ def adjust_pair(  # noqa: PLR0913 - half of them are constants that tests vary
     focal_px: float,
     errors: TieErrors = TIE_ERRORS,
     scale_px: float = FINE_LAST_SCALE_PX,
-    iterations: int = WINDOW_ITERATIONS,
-    gain: float = PAIR_GAIN,
-    scatter: float = 1.0,
+    schedule: Schedule = FIT,
 ) -> PairAdjustment:
     """Adjust motion and points together to the rays of two images.
 
     `previous`, `current`: rays (n, 2) as (x/z, y/z), of the same points. `start`: rotation (3, 3), unit direction (3,).
-    `focal_px`: pixels of one unit of the rays. `scale_px`: of the robust cost. `scatter`: errors of these ties over the
-    stated ones, 1 or more (`tie_scatter`), which enlarges the covariance.
+    `focal_px`: pixels of one unit of the rays. `scale_px`: of the robust cost.
 
     Raises ValueError where an array has another shape or type.
     """
-    rotation, direction, jacobian, history = fit_epipolar(
+    rotation, direction, distance_px, jacobian, history = fit_epipolar(
         previous,
         current,
         start,
@@ -90,18 +87,16 @@ def adjust_pair(  # noqa: PLR0913 - half of them are constants that tests vary
         focal_px=focal_px,
         sigma_px=errors.sigma_px,
         scales_px=(scale_px,),
-        schedule=Schedule(iterations, gain),
+        schedule=schedule,
     )
     n, essential = len(previous), cross_matrices(direction) @ rotation
     first, second = (np.column_stack([rays, np.ones(n)]) for rays in (previous, current))
-    lines = second @ essential.T
-    slope = np.hstack([lines[:, :2], first @ essential[:, :2]])
-    steep = np.sqrt(np.maximum((slope**2).sum(axis=1), LEAST_SLOPE))
-    slope /= steep[:, None]
-    distance = (first * lines).sum(axis=1) / steep
+    slope = np.hstack([second @ essential[:2].T, first @ essential[:, :2]])
+    slope /= np.sqrt(np.maximum((slope**2).sum(axis=1), LEAST_SLOPE))[:, None]
     # The point of a tie lies where the rays meet that are nearest to those measured.
-    first[:, :2] -= distance[:, None] * slope[:, :2]
-    nearest = current - distance[:, None] * slope[:, 2:]
+    moves = (distance_px / focal_px)[:, None] * slope
+    first[:, :2] -= moves[:, :2]
+    nearest = current - moves[:, 2:]
     far, toward = first @ rotation, direction @ rotation
     across, moved = toward[:2] - nearest * toward[2], far[:, :2] - nearest * far[:, 2:]
     inverse_depth = (across * moved).sum(axis=1) / np.maximum((across**2).sum(axis=1), LEAST_SLOPE)
@@ -110,14 +105,15 @@ def adjust_pair(  # noqa: PLR0913 - half of them are constants that tests vary
     # rotation vector and direction by the unknowns, and by each tie's distance
     unknowns = np.zeros((6, 5))
     unknowns[:3, :3], unknowns[3:, 3:] = np.eye(3), tangent_basis(direction).T
-    weight = 1 / ((1 + (focal_px * distance / scale_px) ** 2) * errors.sigma_px**2)
+    weight = 1 / ((1 + (distance_px / scale_px) ** 2) * errors.sigma_px**2)
     weighted = jacobian * np.append(weight, np.ones(6))
     spread = unknowns @ np.linalg.inv(weighted @ jacobian.T + UNMEASURED * np.eye(5))
-    gain = (spread @ weighted[:, :n]).T
+    by_tie = (spread @ weighted[:, :n]).T
+    scatter = tie_scatter(distance_px, errors.sigma_px)
     # Weights use the stated errors: larger ones change the stated covariance, not the motion.
-    alone = np.sqrt(scatter**2 - 1) * errors.sigma_px * gain
+    alone = np.sqrt(scatter**2 - 1) * errors.sigma_px * by_tie
     shared_px = scatter * correlated_sigma_px(displacement, errors)
-    effect = (shared_px[:, None] * slope[:, 2:])[:, :, None] * gain[:, None]
+    effect = (shared_px[:, None] * slope[:, 2:])[:, :, None] * by_tie[:, None]
     shared = correlated_covariance(
         current * focal_px, np.zeros(n, np.int64), effect, errors.reach_px
     )
@@ -127,6 +123,6 @@ def adjust_pair(  # noqa: PLR0913 - half of them are constants that tests vary
         np.column_stack([first[:, :2], inverse_depth]),
         displacement,
         spread @ unknowns.T + alone.T @ alone + shared,
-        len(history) - 1,
+        scatter,
         np.sqrt(history / (4 * max(n, 1))),
     )

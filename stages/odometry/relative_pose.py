@@ -7,13 +7,13 @@ from math import radians
 import numpy as np
 
 from wayside.schemas.motion import StepPrior, Ties
-from wayside.stages.adjustment import TIE_ERRORS, WINDOW_ITERATIONS, tie_scatter
-from wayside.stages.geometry import Schedule, halfway_direction, rays_of_ideal, rotation_from_vector
+from wayside.stages.adjustment import TIE_ERRORS
+from wayside.stages.geometry import halfway_direction, rays_of_ideal, rotation_from_vector
 from wayside.stages.kernels import Array
-from wayside.stages.odometry.epipolar import EpipolarFit, fit_epipolar, sampson_px
+from wayside.stages.odometry.epipolar import EpipolarFit, fit_epipolar
 from wayside.stages.odometry.motion_prior import MotionPrior
 from wayside.stages.odometry.mount import Mount
-from wayside.stages.odometry.pair_adjustment import FINE_LAST_SCALE_PX, PAIR_GAIN
+from wayside.stages.odometry.pair_adjustment import FINE_LAST_SCALE_PX, FIT
 from wayside.stages.odometry.tie_points import (
     COARSE_BITS,
     COARSE_RATIO,
@@ -25,8 +25,6 @@ from wayside.stages.odometry.tie_points import (
     register_ties,
 )
 
-FIT = Schedule(WINDOW_ITERATIONS, PAIR_GAIN)
-"""Of a fit: ended as the adjustment that follows it."""
 COARSE_SIGMA_PX = 1.0
 """Standard deviation of a matched corner."""
 COARSE_SCALES_PX = 20.0, 5.0, 1.5
@@ -64,12 +62,6 @@ class RelativePose:
     def inliers(self) -> int:
         """Number of inliers."""
         return int(self.inlier.sum())
-
-    def scatter(self, focal_px: float) -> float:
-        """Errors of the inliers over the stated ones; see `tie_scatter`."""
-        held = self.previous[self.inlier], self.current[self.inlier]
-        distance = sampson_px(*held, self.rotation, self.direction, focal_px)
-        return tie_scatter(distance)
 
     def ties(self, points: Array, scatter: float) -> Ties:
         """The ties with their points (n, 3) in the second camera."""
@@ -120,42 +112,32 @@ def _refine(pair: PairMotion, prior: StepPrior) -> RelativePose:
     # Ties selected by a motion are biased towards it: they are selected again while it still changes.
     tied = None
     for _ in range(ROUNDS):
-        tied = register_ties(pair, tied)
-        start = pair.rotation, pair.direction
-        pose = fit_relative_pose(pair.before, pair.now, tied, start, prior)
+        tied, last = register_ties(pair, tied), pair.direction
+        pose = fit_relative_pose(pair, tied, prior)
         pair = replace(pair, rotation=pose.rotation, direction=pose.direction)
-        if np.abs(pose.direction - start[1]).max() * pair.now.focal_px < GUIDED_WIDTH_PX:
+        if np.abs(pose.direction - last).max() * pair.now.focal_px < GUIDED_WIDTH_PX:
             break
     if pair.ground is None:
         return pose
-    tied = register_road(pair, pair.ground, pose.tied)
-    start = pair.rotation, pair.direction
-    return fit_relative_pose(pair.before, pair.now, tied, start, prior)
+    return fit_relative_pose(pair, register_road(pair, pair.ground, pose.tied), prior)
 
 
-def fit_relative_pose(
-    before: KeypointImage,
-    now: KeypointImage,
-    tied: RegisteredTies,
-    start: tuple[Array, Array],
-    prior: StepPrior,
-) -> RelativePose:
-    """Robust fit of rotation and direction to registered ties, from a start within a few pixels."""
-    previous = rays_of_ideal(before.camera, tied.previous)
-    current = rays_of_ideal(now.camera, tied.current)
-    focal_px = now.focal_px
-    rotation, direction, *_ = fit_epipolar(
+def fit_relative_pose(pair: PairMotion, tied: RegisteredTies, prior: StepPrior) -> RelativePose:
+    """Robust fit of rotation and direction to registered ties, from a motion within a few pixels."""
+    previous = rays_of_ideal(pair.before.camera, tied.previous)
+    current = rays_of_ideal(pair.now.camera, tied.current)
+    fit = fit_epipolar(
         previous,
         current,
-        start,
+        (pair.rotation, pair.direction),
         prior,
-        focal_px=focal_px,
+        focal_px=pair.now.focal_px,
         sigma_px=TIE_ERRORS.sigma_px,
         scales_px=(FINE_FIRST_SCALE_PX, FINE_LAST_SCALE_PX),
         schedule=FIT,
     )
-    inlier = np.abs(sampson_px(previous, current, rotation, direction, focal_px)) < INLIER_PX
-    return RelativePose(rotation, direction, tied, previous, current, inlier)
+    inlier = np.abs(fit.distance_px) < INLIER_PX
+    return RelativePose(fit.rotation, fit.direction, tied, previous, current, inlier)
 
 
 def find_coarse_motion(
@@ -180,18 +162,18 @@ def fit_coarse_motion(
     """Rotation and direction from matched rays (n, 2), to about a pixel, and the number of inliers."""
     # In forward motion, direction and yaw have similar effects: the direction is held first.
     sigma = np.minimum(prior.sigma_direction, radians(HELD_DIRECTION_DEG))
-    fit: tuple[Array, ...] = predicted, prior.direction
+    start = predicted, prior.direction
     held = prior._replace(sigma_direction=sigma)
     for known, scales_px in ((held, COARSE_SCALES_PX), (prior, COARSE_SCALES_PX[-1:])):
         fit = fit_epipolar(
             previous,
             current,
-            (fit[0], fit[1]),
+            start,
             known,
             focal_px=focal_px,
             sigma_px=COARSE_SIGMA_PX,
             scales_px=scales_px,
             schedule=FIT,
         )
-    distances = sampson_px(previous, current, *fit[:2], focal_px)
-    return EpipolarFit(*fit), int((np.abs(distances) < COARSE_INLIER_PX).sum())
+        start = fit.rotation, fit.direction
+    return fit, int((np.abs(fit.distance_px) < COARSE_INLIER_PX).sum())

@@ -257,16 +257,15 @@ def register_road(pair: PairMotion, ground: GroundPlane, tied: RegisteredTies) -
 def first_of_cells(places: NDArray[np.float32], side_px: float, most: int) -> NDArray[np.bool_]:
     """Which places (n, 2) px are among the first `most` of their square cell of an image."""
     cell = np.floor(places / side_px).astype(np.int64)
-    key = cell[:, 1] * (cell[:, 0].max(initial=0) + 1) + cell[:, 0]
-    kept = np.empty(len(key), np.bool_)
-    _keep_first(key, most, np.zeros(key.max(initial=0) + 1, np.int64), kept)
+    kept = np.empty(len(cell), np.bool_)
+    _keep_first(cell, most, np.zeros(cell.max(axis=0, initial=0) + 1, np.int64), kept)
     return kept
 
 
 @compiled
 def _keep_first(
-    key: NDArray[np.int64], most: int, count: NDArray[np.int64], kept: NDArray[np.bool_]
+    cell: NDArray[np.int64], most: int, count: NDArray[np.int64], kept: NDArray[np.bool_]
 ) -> None:
-    for i in range(len(key)):
-        kept[i] = count[key[i]] < most
-        count[key[i]] += 1
+    for i, (column, row) in enumerate(cell):
+        kept[i] = count[column, row] < most
+        count[column, row] += 1

@@ -157,14 +157,8 @@ class VisualOdometry:
         focal = (image.camera.fx, image.camera.fy)
         held = step.previous[step.inlier], step.current[step.inlier]
         ahead = self.mount.travel.direction
-        scatter = step.scatter(image.focal_px)
-        adjusted = adjust_pair(
-            *held,
-            (step.rotation, step.direction),
-            expected.prior,
-            focal_px=image.focal_px,
-            scatter=scatter,
-        )
+        start = step.rotation, step.direction
+        adjusted = adjust_pair(*held, start, expected.prior, focal_px=image.focal_px)
         straight_px = root_mean(pair_residual(*held, *expected.straight, focal))
         carried = self._carried_length(step, adjusted)
         self.length = step_length(self.length, carried, expected, self.settings)
@@ -195,11 +189,11 @@ class VisualOdometry:
             source="points" if isfinite(self.length.length_in_spacings) else expected.source,
             baseline_m=baseline,
             station_m=last.station_m + baseline,
-            ties=step.ties(points, scatter),
+            ties=step.ties(points, adjusted.scatter),
             residual_straight_px=straight_px,
             residual_px=root_mean(pair_residual(*held, rotation, direction, focal)),
             adjusted=needed,
-            iterations=adjusted.iterations if needed else 0,
+            iterations=len(adjusted.history_px) - 1 if needed else 0,
             camera_height_m=self.mount.height_m,
             straight=Pose(np.eye(3), baseline * ahead),
             history_px=tuple(adjusted.history_px.tolist()),

@@ -5,18 +5,17 @@ from scipy.spatial.transform import Rotation
 
 from wayside.schemas.motion import StepPrior
 from wayside.stages.adjustment import TieErrors
-from wayside.stages.odometry.pair_adjustment import adjust_pair
+from wayside.stages.odometry.pair_adjustment import FIT, adjust_pair
 
 from .made_pairs import AHEAD, FOCAL, SIGMA_PX, errors_deg, make_pair
 
 LOOSE = StepPrior(np.eye(3), np.inf, AHEAD, np.radians([60.0, 60.0]), True, 8.0, 0.02)
-START = (np.eye(3), AHEAD)
 
 
-def adjust(previous, current, prior=LOOSE, start=START, **how):
+def adjust(previous, current, prior=LOOSE, start=None, **how):
     own = {"focal_px": FOCAL, "errors": TieErrors(SIGMA_PX, 0.0, 0.0), "scale_px": 1e6}
-    own |= {"iterations": 30, "gain": 1e-9}
-    return adjust_pair(previous, current, start, prior, **own | how)
+    own |= {"schedule": FIT._replace(iterations=30, gain=1e-9)}
+    return adjust_pair(previous, current, start or (np.eye(3), AHEAD), prior, **own | how)
 
 
 def squares(found, previous, current):
@@ -52,20 +51,21 @@ def test_the_cost_is_the_minimum_that_scipy_finds(seed):
     assert Rotation.from_matrix(found.rotation @ turn.T).magnitude() < 1e-5
     # the covariance equals the one from scipy's normal equations: points eliminated
     inverse = np.linalg.inv(best.jac.T @ best.jac)
-    sigma = np.sqrt(np.diag(found.covariance))
+    sigma = np.sqrt(np.diag(found.covariance)) / found.scatter
     np.testing.assert_allclose(sigma[:3], np.sqrt(np.diag(inverse))[:3], rtol=0.05)
 
 
 def test_ties_of_larger_errors_give_the_same_motion_and_a_larger_covariance():
-    rotation, direction, _, previous, current = make_pair()
-    stated = adjust(previous, current, start=(rotation, direction))
-    larger = adjust(previous, current, start=(rotation, direction), scatter=3.0)
-    np.testing.assert_array_equal(larger.rotation, stated.rotation)
-    np.testing.assert_array_equal(larger.direction, stated.direction)
-    np.testing.assert_allclose(larger.covariance[:3, :3], 9 * stated.covariance[:3, :3], rtol=0.05)
+    rotation, *_, previous, current = make_pair()
+    third = TieErrors(SIGMA_PX / 3, 0.0, 0.0)
+    sure, larger = adjust(previous, current), adjust(previous, current, errors=third)
+    assert max(errors_deg(larger, sure.rotation, sure.direction)) < 1e-5
+    assert larger.scatter == pytest.approx(3 * sure.scatter, rel=0.2)
+    alone = (one.covariance[:3, :3] / one.scatter**2 for one in (larger, sure))
+    np.testing.assert_allclose(9 * next(alone), next(alone), rtol=0.05)
     known = LOOSE._replace(rotation=rotation, sigma_rotation=1e-6)  # stays as sure as it is
-    found = adjust(previous, current, known, start=(rotation, direction), scatter=3.0)
-    assert np.sqrt(found.covariance[0, 0]) == pytest.approx(1e-6, rel=0.05)
+    found = adjust(previous, current, known, errors=third).covariance
+    assert np.sqrt(found[0, 0]) == pytest.approx(1e-6, rel=0.05)
 
 
 def test_wrong_ties_do_not_pull():
@@ -111,11 +111,11 @@ def test_rays_of_other_shapes_are_refused():
 def test_the_residual_falls_from_step_to_step_until_too_little_is_gained_or_the_limit_is_reached():
     *_, previous, current = make_pair()
     found = adjust(previous, current)
-    assert len(found.history_px) == found.iterations + 1
     # The prior has a share in the cost, so a step may cost the ties a trifle.
     assert (np.diff(found.history_px) <= 1e-6 * found.history_px[0]).all()
     assert found.history_px[0] ** 2 > 10 * found.history_px[-1] ** 2
-    assert adjust(previous, current, iterations=2).iterations == 2
-    assert adjust(previous, current, gain=0.5).iterations < found.iterations
+    two, short = (FIT._replace(iterations=2, gain=0), FIT._replace(gain=0.5))
+    assert len(adjust(previous, current, schedule=two).history_px) == 3
+    assert len(adjust(previous, current, schedule=short).history_px) < len(found.history_px)
     left = squares(found, previous, current).mean()
     assert found.history_px[-1] == pytest.approx(np.sqrt(left / 4), rel=1e-4)

@@ -37,7 +37,7 @@ def learnt(frames, wrong=()):
         turn, none = Rotation.from_rotvec(error[:3]).as_matrix(), (np.zeros((0, 3)), np.zeros(0))
         covariance = np.diag([IMAGE_RAD**2] * 5 + [0.0])
         motion = turn, direction / np.linalg.norm(direction)
-        noise.learn(expected, PairAdjustment(*motion, *none, covariance, 0, np.zeros(1)))
+        noise.learn(expected, PairAdjustment(*motion, *none, covariance, 1.0, np.zeros(1)))
     return noise
 
 

@@ -42,7 +42,7 @@ def ties_on_a_curve(yaw_deg, standing, riding):
 def test_a_vehicle_at_our_pace_does_not_make_a_curve_straight(yaw_deg, monkeypatch):
     tied, rotation, direction = ties_on_a_curve(yaw_deg, standing=70, riding=30)
     start = np.eye(3), AHEAD
-    straight = fit_relative_pose(VIEW, VIEW, tied, start, MOUNTED)
+    straight = fit_relative_pose(relative_pose.PairMotion(VIEW, VIEW, *start), tied, MOUNTED)
     assert straight.inliers < INLIER_RATIO * len(straight.inlier)
     # Without pixels, the coarse pose is the straight one and every registration gives the same ties.
     coarse = SimpleNamespace(rotation=start[0], direction=start[1]), straight.inliers
