@@ -207,12 +207,12 @@ def _linearise(problem: _Problem, estimate: _Estimate, iteration: int) -> None:
             jacobian[k, i] = (jacobian[k, i] - residuals[i]) / DIFFERENCE_STEP
     normal[:] = 0.0
     right[:] = 0.0
-    problem.history[iteration] = (residuals[:n] ** 2).sum()
+    problem.history[iteration] = 0.0
     for i in range(n + 6):
         weight = 1.0
         if i < n:
-            flattened = 1.0 + (residuals[i] / problem.scale_px) ** 2
-            weight = 1.0 / (flattened * problem.sigma_px**2)
+            problem.history[iteration] += residuals[i] ** 2
+            weight = 1.0 / ((1.0 + (residuals[i] / problem.scale_px) ** 2) * problem.sigma_px**2)
         for k in range(5):
             right[k] -= weight * jacobian[k, i] * residuals[i]
             for m in range(k + 1):

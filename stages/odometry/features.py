@@ -68,7 +68,8 @@ def tie_corners(
         places = _strongest(np.asarray(level, np.uint8), settings.corners_per_cell)
         codes = np.empty((len(places), 32), np.uint8)
         smooth = np.asarray(cv2.blur(level, (BLUR_PX, BLUR_PX)), np.uint8)
-        _describe(smooth, places, PATTERN.astype(np.int64), codes)
+        offsets = PATTERN.astype(np.int64).reshape(-1, 2, 2) @ [1, level.shape[1]]
+        _describe(smooth, places, offsets, codes)
         # Pixel centres are at integers: the centre of a block of s pixels lies (s - 1) / 2 from its first.
         scale = np.array([grey.shape[1] / level.shape[1], grey.shape[0] / level.shape[0]])
         corners.append(((places + 0.5) * scale - 0.5).astype(np.float32))
@@ -153,16 +154,15 @@ def _raise_strength(above: Any, centre: Any, below: Any, strength: Any) -> None:
 def _describe(
     smooth: NDArray[np.uint8],
     places: NDArray[np.int64],
-    pattern: NDArray[np.int64],
+    offsets: NDArray[np.int64],
     codes: NDArray[np.uint8],
 ) -> None:
     pixels, width = smooth.reshape(-1), smooth.shape[1]
-    first, second = pattern[:, 1] * width + pattern[:, 0], pattern[:, 3] * width + pattern[:, 2]
     for n in range(places.shape[0]):
         at = places[n, 1] * width + places[n, 0]
         for k in range(0, 256, 8):
             code = 0
             for bit in range(8):
-                darker = pixels[at + first[k + bit]] < pixels[at + second[k + bit]]
+                darker = pixels[at + offsets[k + bit, 0]] < pixels[at + offsets[k + bit, 1]]
                 code |= int(darker) << bit
             codes[n, k // 8] = code

@@ -266,6 +266,6 @@ def first_of_cells(places: NDArray[np.float32], side_px: float, most: int) -> ND
 def _keep_first(
     cell: NDArray[np.int64], most: int, count: NDArray[np.int64], kept: NDArray[np.bool_]
 ) -> None:
-    for i, (column, row) in enumerate(cell):
-        kept[i] = count[column, row] < most
-        count[column, row] += 1
+    for i in range(len(kept)):
+        kept[i] = count[cell[i, 0], cell[i, 1]] < most
+        count[cell[i, 0], cell[i, 1]] += 1
