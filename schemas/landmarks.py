@@ -138,8 +138,8 @@ class Landmark:
     """What the landmark classifier saw, in the order of its `FEATURES`."""
     evidence: tuple[tuple[str, float], ...] = field(default=(), repr=False)
     """Log-likelihood ratio of each term, sign against anything else. With the prior log odds they sum to `score`."""
-    trajectory: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2, 4)), repr=False)
-    """u, v, du, dv of each step between matched views, in both forms, (s, 2, 4). See `trajectory_of`."""
+    trace: tuple[Any, Sequence[Pose]] = field(default=((), ()), repr=False)
+    """Its ray (x/z, y/z) in each view, (n, 2), and the camera of each. See `trajectory_of`."""
     crops: tuple[Crop, ...] = field(default=(), repr=False)
     """Its last two views, until its points are triangulated. Presets of the report only."""
     color_log_probability: Sequence[float] = field(default=(), repr=False)

@@ -23,7 +23,7 @@ from wayside.pipeline.running.flow import Flow
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.errors import InputError
 from wayside.schemas.models import MixtureModel
-from wayside.stages.report import STEP_M, TRAJECTORY_FORMS, mean_log_ratio
+from wayside.stages.report.trajectory import STEP_M, TRAJECTORY_FORMS, mean_log_ratio, trajectory_of
 
 COMPONENTS = 4
 """Gaussians of each mixture: on drives held out in turn two or eight do not separate better."""
@@ -57,7 +57,7 @@ def gather_tracks(log: Path, drive: int) -> list[Track]:
     flow = Flow(settings, load_models(settings), StageClock())
     known = KnownPanels.of(truth)
     return [
-        Track(one.trajectory, known.label_in_images(one), drive)
+        Track(trajectory_of(*one.trace), known.label_in_images(one), drive)
         for frame in flow.track(read_frames(log, settings.read, ReadReport()))
         for one in frame.landmarks
         if one.verdict in ASKED

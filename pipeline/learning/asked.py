@@ -28,7 +28,7 @@ from wayside.schemas.models import MixtureModel
 from wayside.schemas.settings import GateSettings, ReadSettings, Settings
 from wayside.schemas.signs import Sign
 from wayside.stages.mapping import VERDICT_OF_TERM
-from wayside.stages.report import color_features, fourier_descriptors, mean_log_ratio, outlines_of
+from wayside.stages.report import color_features, fourier_descriptors, outlines_of, track_log_ratio
 from wayside.stages.segmentation import regions_before_gate
 
 NO_CLASS = ""
@@ -275,7 +275,7 @@ class _Collector:
         """Landmarks that no stage before the trajectory gate refused, whether a run has that gate or not."""
         asked = [one for one in frame.landmarks if one.verdict == "sign"]
         for name, density in self.densities.items() if asked else ():
-            values = [(mean_log_ratio(one.trajectory, density),) for one in asked]
+            values = [(track_log_ratio(one, density),) for one in asked]
             accepted = [value >= density.threshold for (value,) in values]
             yield self._landmarks(name, asked, "log_ratio", values, accepted)
 

@@ -37,7 +37,7 @@ from wayside.pipeline.statistics import rate_words, share_words
 from wayside.schemas.detections import COLOR_RGB, box_centers
 from wayside.schemas.landmarks import Landmark, Observation
 from wayside.stages.geometry import ideal_points
-from wayside.stages.report import mean_log_ratio
+from wayside.stages.report import track_log_ratio
 
 FEET = 0.3048
 REPORT_SIZE_FT = (3.5, 2.0)
@@ -92,7 +92,7 @@ def _trajectories(drive: Drive) -> Iterator[Figure]:
     if not asked:
         return
     density = drive.density
-    typical = [mean_log_ratio(one.trajectory, density) >= density.threshold for one in asked]
+    typical = [track_log_ratio(one, density) >= density.threshold for one in asked]
     words, right = [], []
     for what, label in (("tracks on signs kept", ON), ("others removed", OFF)):
         right = [

@@ -32,9 +32,8 @@ def frenet_offset(
         starts, steps = centres[:-1], np.diff(centres, axis=0)
         lengths = np.maximum(np.linalg.norm(steps, axis=1), 1e-9)
     fraction = ((point - starts) * steps).sum(axis=1) / lengths**2
-    low, high = np.zeros(len(steps)), np.ones(len(steps))
-    low[0], high[-1] = -np.inf, np.inf
-    fraction = np.clip(fraction, low, high)
+    fraction[1:] = np.maximum(fraction[1:], 0.0)
+    fraction[:-1] = np.minimum(fraction[:-1], 1.0)
     foot = starts + fraction[:, None] * steps
     nearest = int(np.argmin(((point - foot) ** 2).sum(axis=1)))
     along = steps[nearest] / lengths[nearest]

@@ -129,7 +129,9 @@ class _Adjustment:
         self.first, self.rotation, self.centre = rotation[:1].copy(), rotation.copy(), centre.copy()
         n = len(centre)
         self.scale, self.correlated, self.offset = np.zeros(n), np.zeros((n, 3)), np.zeros(n)
-        self.root = _inverse_root(chain.step_covariance(), STEP_FLOOR_RAD**2)
+        values, axes = np.linalg.eigh(chain.step_covariance())
+        scale = np.sqrt(np.maximum(values, STEP_FLOOR_RAD**2))[:, None]
+        self.root = axes / scale @ axes.transpose(0, 2, 1)  # whitens the errors of the steps
         self.weight = np.ones(len(measured.row))
         self.estimates_correlated = not measured.correlated_sigma_m.any()
 
@@ -283,12 +285,6 @@ def _rate(change: Array, time_s: Array) -> Array:
     interval = (time_s[2:] - time_s[:-2])[:, None]
     rate = np.where(interval > 1e-3, change / np.maximum(interval, 1e-3), 0.0)
     return np.pad(rate, ((1, 1), (0, 0)), mode="edge")
-
-
-def _inverse_root(covariance: Array, floor: float) -> Array:
-    """Matrices (n, 6, 6) that whiten errors of these covariances, whose eigenvalues are at least `floor`."""
-    values, axes = np.linalg.eigh(covariance)
-    return np.asarray(axes / np.sqrt(np.maximum(values, floor))[:, None] @ axes.transpose(0, 2, 1))
 
 
 def _cauchy(squares: Array, freedom: int, reach: float) -> Array:

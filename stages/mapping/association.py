@@ -15,9 +15,6 @@ from wayside.stages.geometry import Midpoints, pair_midpoint
 from wayside.stages.kernels import compiled
 from wayside.stages.mapping.triangulation import projected
 
-NOT_EXPECTED, MISSED, SEEN = 0, 1, 2
-"""State of a hypothesis in a frame: outside the image or too small; expected, but without a candidate; seen."""
-
 # Set on the development drives, where no other reason is given.
 GAP_SHARE = 0.06
 """Added to the largest gap of a view, `track.gap_px`, by the height of the panel."""
@@ -41,6 +38,8 @@ GAP_COST = 1.0
 """Cost of a view at the gate of its place, and of one at that of its size, log odds; it falls with the square."""
 MISS_COST = 0.7
 """Cost of a frame that should show the panel and has no candidate there, log odds."""
+LEAST_SUM = -1.0
+"""Hypotheses with a smaller sum over their views are dropped, log odds."""
 EXPECTED_PX = 14.0
 """Height from which a view is expected, px."""
 
@@ -72,15 +71,19 @@ class Hypotheses(Rows):
 
 
 class Association(NamedTuple):
-    """For m hypotheses and n frames: row (m, n) of the candidate or -1, state (m, n), value (m,) of all views."""
+    """For m hypotheses: row (m, n) of the candidate in n frames or -1, value (m,) of all views.
+
+    `missed` (m,): number of frames that should show it and have no candidate there.
+    """
 
     row: NDArray[np.int32]
-    state: NDArray[np.uint8]
+    missed: NDArray[np.int64]
     value: NDArray[np.float64]
 
-    def views(self) -> NDArray[np.intp]:
-        """Number of frames each hypothesis is seen in, (m,)."""
-        return np.asarray((self.row >= 0).sum(axis=1))
+    def likely_values(self, fewest_views: int) -> NDArray[np.float64]:
+        """The values (m,); -inf where the views are too few, or their sum too low for a landmark."""
+        likely = ((self.row >= 0).sum(axis=1) >= fewest_views) & (self.value > LEAST_SUM)
+        return np.where(likely, self.value, -np.inf)
 
 
 def pair_hypotheses(
@@ -144,14 +147,13 @@ def associate(
     if free.shape != candidates.table.shape:
         raise ValueError(f"free has shape {free.shape} instead of {candidates.table.shape}")
     m, n = len(hypotheses.point), len(candidates.rotation)
-    row, state = np.full((m, n), -1, np.int32), np.zeros((m, n), np.uint8)
-    found = Association(row, state, np.zeros(m))
-    _associate(candidates, hypotheses.point, hypotheses.size, free, gap_px, found)
+    found = Association(np.empty((m, n), np.int32), np.empty(m, np.int64), np.empty(m))
+    associate_free(candidates, hypotheses.point, hypotheses.size, free, gap_px, found)
     return found
 
 
 @compiled
-def _associate(
+def associate_free(
     c: WindowCandidates,
     point: NDArray[np.float64],
     size: NDArray[np.float64],
@@ -159,10 +161,13 @@ def _associate(
     gap_px: float,
     found: Association,
 ) -> None:
+    """Kernel of `associate`, for other kernels: fills what it found."""
     rays, sizes, scores = c.table["ray"], c.table["size"], c.table["score"]
     for m in range(point.shape[0]):
         wide, tall = size[m, 0], size[m, 1]
+        found.value[m], found.missed[m] = 0.0, 0
         for n in range(c.rotation.shape[0]):
+            found.row[m, n] = -1
             x, y, z = projected(point[m], c.rotation[n], c.centre[n])
             if not NEAREST_M < z < FARTHEST_M:
                 continue
@@ -187,7 +192,7 @@ def _associate(
                 if this > value:
                     best, value = k, this
             if best >= 0:
-                found.row[m, n], found.state[m, n] = best, SEEN
+                found.row[m, n] = best
                 found.value[m] += value
             elif (
                 2 * half_tall * f >= EXPECTED_PX
@@ -196,5 +201,5 @@ def _associate(
                 and y - half_tall > top
                 and y + half_tall < bottom
             ):
-                found.state[m, n] = MISSED
+                found.missed[m] += 1
                 found.value[m] -= MISS_COST

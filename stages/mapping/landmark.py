@@ -1,6 +1,7 @@
 """A landmark as it is reported: position, size and facing with their scatter, colour and shape."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,7 +99,7 @@ def box_panel(fit: LandmarkFit) -> Panel:
     return Panel(
         fit.point,
         fit.frames[used],
-        fit.seen["ray"][used],
+        np.ascontiguousarray(fit.seen["ray"][used]),
         fit.weight_sigma[used],
         fit.ray_sigma[used],
         centre_sigma=CENTRE_BIAS * fit.metric,
@@ -116,17 +117,15 @@ def build_landmark(
     window: Sequence[WindowFrame],
     measured: LandmarkMeasurement,
     offset: FrenetOffset,
-    *,
-    track_id: int,
-    score: float,
-    verdict: str,
+    **more: Any,
 ) -> Landmark:
-    """The landmark in the camera frame of the image that shows it largest and whole.
+    """The landmark in the camera frame of the image that shows it largest and whole; more: its other columns.
 
     A back has no colour of a sign. Its shape is the shape of the outline of its panel, where this is known.
     """
-    best, panel = best_view(fit.seen), measured.panel
-    views = observations(fit)
+    seen, panel = fit.seen, measured.panel
+    number, ideal, box = (seen[name].T for name in ("image", "ideal", "box"))
+    best, views = best_view(seen), Views(number, seen["candidate"], *ideal, *box, fit.residual_px)
     frame = window[fit.frames[best]]
     pose = frame.motion.pose
     if fit.back:
@@ -137,7 +136,6 @@ def build_landmark(
         shape = voted_class(fit, window, "shape", SHAPES)
     return Landmark(
         back=fit.back,
-        track_id=track_id,
         views=views,
         position=pose.to_camera(measured.point),
         covariance=pose.rotation.T @ measured.covariance @ pose.rotation
@@ -159,21 +157,13 @@ def build_landmark(
         color_distance=color.distance,
         shape=shape.name,
         shape_distance=shape.distance,
-        score=score,
         residual_px=fit.rms_px,
-        verdict=verdict,
         color_log_probability=color.log_probability,
         shape_log_probability=shape.log_probability,
+        **more,
     )
 
 
 def best_view(seen: NDArray[np.void]) -> int:
     """Of some views the one with the largest box that is whole; where all are cut, the largest."""
     return int(np.lexsort((-seen["size"].prod(axis=1), ~seen["whole"]))[0])
-
-
-def observations(fit: LandmarkFit) -> Views:
-    """The views of a landmark."""
-    seen = fit.seen
-    number, ideal, box = (seen[name].T for name in ("image", "ideal", "box"))
-    return Views(number, seen["candidate"], *ideal, *box, fit.residual_px)

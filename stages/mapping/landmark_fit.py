@@ -1,15 +1,23 @@
 """Landmarks fitted to their views, point, covariance and metric size, and accepted best first."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from math import inf
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.settings import TrackSettings
-from wayside.stages.geometry import median_of_few
-from wayside.stages.kernels import Array
-from wayside.stages.mapping.association import MISSED, Hypotheses, WindowCandidates, associate
-from wayside.stages.mapping.triangulation import triangulate_views
+from wayside.stages.kernels import Array, compiled, compiled_within
+from wayside.stages.mapping.association import (
+    LEAST_SUM,
+    Association,
+    Hypotheses,
+    WindowCandidates,
+    associate,
+    associate_free,
+)
+from wayside.stages.mapping.triangulation import Views, projected, solve_point
 
 MAD_TO_SIGMA = 1.4826
 """Standard deviation over median absolute deviation of normal errors."""
@@ -28,49 +36,53 @@ LEAST_SPREAD = 0.02
 """Least scatter of the size, by the size."""
 ROUNDS = 3
 """Fits of a hypothesis to its views before the last one, at most."""
-LEAST_SUM = -1.0
-"""Hypotheses with a smaller sum over their views are dropped, log odds."""
 
 
 @dataclass(frozen=True, slots=True)
 class LandmarkFit:
-    """A landmark fitted to its v views, oldest first."""
+    """A landmark fitted to its v views, oldest first.
+
+    `frames`, `rows`, `seen` (v,): position of the frame in the window, number among the followed candidates of that
+    frame, and those candidates, with the columns of `window.FOLLOWED`. `used` (v,): whether the point was fitted to the
+    view. `point` (3,), by the rays alone, and `covariance` (3, 3): in the world. `residual_px`, `depth` (v,): of the
+    point in each view, metres. `metric`, `spread` (2,): width and height, and scatter of both over the views, metres.
+    `weight_sigma`, `ray_sigma` (v,): standard deviation that each view was weighted by, and of its ray alone. `missed`:
+    number of frames that should show it and have no candidate there. `value`: sum over the views. `back`: whether it is
+    followed as the back of a panel.
+    """
 
     frames: NDArray[np.int64]
-    """Position of the frame in the window, (v,)."""
     rows: NDArray[np.int64]
-    """Number among the followed candidates of that frame, (v,)."""
     seen: NDArray[np.void]
-    """Those candidates, (v,), with the columns of `window.FOLLOWED`."""
     used: NDArray[np.bool_]
-    """Whether the point was fitted to the view, (v,)."""
     point: Array
-    """In the world, by the rays alone, (3,)."""
     covariance: Array
-    """Of the point, in the world, (3, 3)."""
     residual_px: Array
-    """Of each view, (v,)."""
     depth: Array
-    """Of the point in each view, (v,), metres."""
     metric: Array
-    """Width and height, (2,), metres."""
     spread: Array
-    """Scatter of both over the views, (2,), metres."""
     weight_sigma: Array
-    """Standard deviation that each view was weighted by, (v,)."""
     ray_sigma: Array
-    """Standard deviation of its ray alone, (v,)."""
-    missed: int = 0
-    """Number of frames that should show it and have no candidate there."""
-    value: float = 0.0
-    """Sum over the views."""
-    back: bool = False
-    """Whether it is followed as the back of a panel."""
+    missed: int
+    value: float
+    back: bool
 
     @property
     def rms_px(self) -> float:
         """RMS of the residuals of the views that were used."""
         return float(np.sqrt((self.residual_px[self.used] ** 2).mean()))
+
+
+class _Fit(NamedTuple):
+    """A hypothesis in the kernels: row (n,) of candidates, as found again, views (4, n): residual, depth, sigmas."""
+
+    row: NDArray[np.int32]
+    found: Association
+    views: Array
+    point: Array
+    covariance: Array
+    metric: Array
+    spread: Array
 
 
 def accept_greedily(
@@ -87,96 +99,121 @@ def accept_greedily(
 
     free (N,): candidates of the window that may be used. box_sigma: scatter of the centres of boxes, as `BOX_SIGMA`.
     """
-    left = free.copy()
-    row, _, value = found = associate(candidates, hypotheses, left, settings.gap_px)
-    alive = (found.views() >= settings.fewest_views) & (value > LEAST_SUM)
-    fits: list[LandmarkFit] = []
-    while alive.any():
-        best = int(np.argmax(np.where(alive, value, -np.inf)))
-        alive[best] = False
-        fit = _fit_hypothesis(candidates, row[best], left, settings, box_sigma)
+    left, fits = free.copy(), list[LandmarkFit]()
+    found = associate(candidates, hypotheses, left, settings.gap_px)
+    row, value = found.row, found.likely_values(settings.fewest_views)
+    while (value > -inf).any():
+        best = int(value.argmax())
+        value[best] = -inf
+        fit = fit_hypothesis(candidates, row[best], left, settings, box_sigma)
         if fit is None or fit.value <= LEAST_SUM:
             continue
         fits.append(fit)
         taken = candidates.first[fit.frames] + fit.rows
         left[taken] = False
-        again = np.flatnonzero(alive & (row[:, fit.frames] == taken).any(axis=1))
+        again = np.flatnonzero((row[:, fit.frames] == taken).any(axis=1) & (value > -inf))
         if len(again):
             found = associate(candidates, hypotheses.select(again), left, settings.gap_px)
-            row[again], value[again] = found.row, found.value
-            alive[again] = (found.views() >= settings.fewest_views) & (found.value > LEAST_SUM)
+            row[again], value[again] = found.row, found.likely_values(settings.fewest_views)
     return fits
 
 
-def _fit_hypothesis(
+def fit_hypothesis(
     candidates: WindowCandidates,
     row: NDArray[np.int32],
     free: NDArray[np.bool_],
     settings: TrackSettings,
-    box_sigma: tuple[float, float],
+    box_sigma: tuple[float, float] = BOX_SIGMA,
 ) -> LandmarkFit | None:
     """Fit a landmark to the candidate of each frame or -1 (n,) and associate again, until the views stay the same.
 
-    None where it has too few views, or the rays do not meet ahead.
+    None where it has too few views, or the rays do not meet ahead. The others as in `accept_greedily`.
     """
-    rounds = ROUNDS
-    while True:
-        frames = np.flatnonzero(row >= 0)
-        if len(frames) < settings.fewest_views:
-            return None
-        fit = fit_views(candidates, row[frames].astype(np.int64), frames, box_sigma)
-        if fit is None:
-            return None
-        if rounds == 0:
-            break
-        one = Hypotheses(fit.point[None], fit.metric[None], np.zeros(1, np.bool_))
-        found = associate(candidates, one, free, settings.gap_px)
-        if np.array_equal(found.row[0], row):
-            break
-        row, rounds = found.row[0], rounds - 1
-    missed, back = int((found.state[0] == MISSED).sum()), bool(fit.seen["back"][0])
-    return replace(fit, missed=missed, value=float(found.value[0]), back=back)
-
-
-def fit_views(
-    candidates: WindowCandidates,
-    rows: NDArray[np.int64],
-    frames: NDArray[np.int64],
-    box_sigma: tuple[float, float] = BOX_SIGMA,
-) -> LandmarkFit | None:
-    """Point, covariance and metric size from views; None where the rays do not meet ahead.
-
-    `rows`, `frames`: candidates (v,) of the window and their frames, ascending. `box_sigma`: scatter of the centres of
-    boxes, as `BOX_SIGMA`.
-    """
-    c, focal, seen = candidates, candidates.focal[frames], candidates.table[rows]
-    own = (box_sigma[0] + box_sigma[1] * (seen["size"][:, 1] * focal)) / focal
-    sigma = np.hypot(own, DRIFT_RAD * np.sqrt(frames[-1] - frames))
-    late, rays = frames[-FITTED_VIEWS:], seen["ray"]
-    point, covariance = triangulate_views(
-        c.rotation[late], c.centre[late], rays[-FITTED_VIEWS:], sigma[-FITTED_VIEWS:]
-    )
-    if not (np.isfinite(point).all() and np.isfinite(covariance).all()):
+    shapes = (4, len(row)), (1, 3), (3, 3), (1, 2), (2,)
+    found = Association(row[None].copy(), np.zeros(1, np.int64), np.zeros(1))
+    fit = _Fit(row.copy(), found, *map(np.empty, shapes))
+    if not _fit(candidates, free, settings.fewest_views, settings.gap_px, box_sigma, fit):
         return None
-    x, y, depth = ((point - c.centre[frames])[:, :, None] * c.rotation[frames]).sum(axis=1).T
-    if not (depth.min() >= LEAST_M and depth.max() <= PARALLEL_M):
-        return None
-    u, v = rays.T
-    residual_px = np.hypot((x / depth - u) * focal, (y / depth - v) * focal)
-    metric, spread = metric_size(seen["size"] * depth[:, None], depth, seen["whole"])
-    used = np.arange(len(rows)) >= len(rows) - FITTED_VIEWS
-    views = frames, rows - c.first[frames], seen, used
-    return LandmarkFit(*views, point, covariance, residual_px, depth, metric, spread, sigma, own)
+    frames = np.flatnonzero(fit.row >= 0)
+    rows, count = fit.row[frames].astype(np.int64), len(frames)
+    seen, used = candidates.table[rows], np.arange(count) >= count - FITTED_VIEWS
+    residual_px, depth, weight_sigma, ray_sigma = fit.views[:, :count]
+    views = frames, rows - candidates.first[frames], seen, used
+    fitted = fit.point[0], fit.covariance, residual_px, depth, fit.metric[0], fit.spread
+    total = int(found.missed[0]), float(found.value[0]), bool(seen["back"][0])
+    return LandmarkFit(*views, *fitted, weight_sigma, ray_sigma, *total)
 
 
-def metric_size(sizes: Array, depth: Array, whole: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Median width and height (2,) over the nearest views, and their scatter (2,), metres.
+@compiled
+def _fit(
+    c: WindowCandidates,
+    free: NDArray[np.bool_],
+    fewest: int,
+    gap_px: float,
+    box_sigma: tuple[float, float],
+    fit: _Fit,
+) -> bool:
+    row, again = fit.row, fit.found.row[0]
+    for rounds in range(ROUNDS + 1):
+        if not _fit_views(c, fewest, box_sigma, fit):
+            return False
+        if rounds < ROUNDS:
+            associate_free(c, fit.point, fit.metric, free, gap_px, fit.found)
+        same = True
+        for frame in range(row.size):
+            same &= row[frame] == again[frame]
+            row[frame] = again[frame]
+        if same:
+            break
+    return True
 
-    Views cut by the edge of the image are left out where others exist.
-    """
-    order = np.argsort(depth, kind="stable")
-    best = order[whole[order]]
-    near = sizes[(best if len(best) else order)[:SIZE_VIEWS]].T
-    middle = median_of_few(near)
-    scatter = MAD_TO_SIGMA * median_of_few(np.abs(near - middle[:, None]))
-    return middle, np.maximum(scatter, LEAST_SPREAD * middle)
+
+@compiled_within
+def _fit_views(c: WindowCandidates, fewest: int, box_sigma: tuple[float, float], fit: _Fit) -> bool:
+    """Fit point and size to the views; whether there are enough, and the rays meet ahead."""
+    rays, sizes, whole = c.table["ray"], c.table["size"], c.table["whole"]
+    frames, point, near = np.flatnonzero(fit.row >= 0), fit.point[0], np.empty((2, SIZE_VIEWS))
+    n, count, cut = len(frames), 0, True
+    if n < fewest:
+        return False
+    late, seen = max(0, n - FITTED_VIEWS), np.empty((n, 2))
+    for i in range(n):
+        frame, k = frames[i], fit.row[frames[i]]
+        seen[i, 0], seen[i, 1] = rays[k, 0], rays[k, 1]
+        own = (box_sigma[0] + box_sigma[1] * (sizes[k, 1] * c.focal[frame])) / c.focal[frame]
+        fit.views[2, i] = np.hypot(own, DRIFT_RAD * np.sqrt(frames[n - 1] - frame))
+        fit.views[3, i] = own
+        cut &= not whole[k]
+    used = Views(c.rotation, c.centre, frames[late:], seen[late:], fit.views[2, late:n])
+    scale = solve_point(used, point, fit.covariance)
+    for i in range(9):
+        fit.covariance[i // 3, i % 3] *= scale
+        if not np.isfinite(fit.covariance[i // 3, i % 3]):
+            return False
+    for i in range(n - 1, -1, -1):
+        k, focal = fit.row[frames[i]], c.focal[frames[i]]
+        x, y, z = projected(point, c.rotation[frames[i]], c.centre[frames[i]])
+        if not LEAST_M <= z <= PARALLEL_M:
+            return False
+        fit.views[0, i] = np.hypot((x - rays[k, 0]) * focal, (y - rays[k, 1]) * focal)
+        fit.views[1, i] = z
+        if count < SIZE_VIEWS and (whole[k] or cut):
+            near[0, count], near[1, count] = sizes[k, 0] * z, sizes[k, 1] * z
+            count += 1
+    for a in range(2):
+        fit.metric[0, a] = middle = _median(near[a, :count])
+        for i in range(count):
+            near[a, i] = abs(near[a, i] - middle)
+        fit.spread[a] = max(MAD_TO_SIGMA * _median(near[a, :count]), LEAST_SPREAD * middle)
+    return True
+
+
+@compiled_within
+def _median(values: Array) -> float:
+    """The median of a few values, which it puts in order."""
+    n = len(values)
+    for i in range(1, n):
+        for k in range(i, 0, -1):
+            if values[k] < values[k - 1]:
+                values[k], values[k - 1] = values[k - 1], values[k]
+    return float(values[(n - 1) // 2] + values[n // 2]) / 2

@@ -215,20 +215,10 @@ class WindowSolver(ABC):
                 if k < WINDOW_STEP:
                     self._window[k].followed["standing"][row] = True
 
-    def _report(
-        self,
-        fit: LandmarkFit,
-        measured: LandmarkMeasurement,
-        score: float,
-        verdict: str,
-        **more: Any,
-    ) -> Landmark:
+    def _report(self, fit: LandmarkFit, measured: LandmarkMeasurement, **more: Any) -> Landmark:
         """Hand a landmark to its first frame, and take its candidates; more: its other columns."""
-        number, offset = self._next_id, self._path.offset(measured.point)
-        landmark = build_landmark(
-            fit, self._window, measured, offset, track_id=number, score=score, verdict=verdict
-        )
-        landmark = replace(landmark, **more)
+        more |= {"track_id": self._next_id, "offset": self._path.offset(measured.point)}
+        landmark = build_landmark(fit, self._window, measured, **more)
         self._window[fit.frames[0]].landmarks.append(landmark)
         for k, row in zip(fit.frames.tolist(), fit.rows.tolist(), strict=True):
             self._window[k].followed["assigned"][row] = True
@@ -354,8 +344,9 @@ class _Tracker(WindowSolver):
     ) -> None:
         """Hand a landmark with its verdict to its first frame."""
         fit, evidence = one.fit, one.evidence
-        columns = {"features": array("d", evidence.features), "evidence": evidence.ratios}
-        landmark = self._report(fit, measured, evidence.score, verdict, posts=seen.posts, **columns)
+        decided: dict[str, Any] = {"score": evidence.score, "verdict": verdict, "posts": seen.posts}
+        shown = {"features": array("d", evidence.features), "evidence": evidence.ratios}
+        landmark = self._report(fit, measured, **decided, **shown)
         if verdict == "sign":
             # Its panel as it was measured: boxes around a sign and its plaque would make the plaque a duplicate.
             size = np.array([landmark.width_m, landmark.height_m])

@@ -19,10 +19,11 @@ HALVINGS = 10
 
 
 class Views(NamedTuple):
-    """World from camera (n, 3, 3), camera centres (n, 3), rays (n, 2) and their sigma (n,)."""
+    """World from camera (m, 3, 3), camera centres (m, 3); camera (n,) of the rays (n, 2), and their sigma (n,)."""
 
     rotations: Array
     centres: Array
+    camera: NDArray[np.int64]
     rays: Array
     sigma: Array
 
@@ -58,19 +59,19 @@ def triangulate_views(
     sigma = shaped(sigma, (n,))
     if not (sigma > 0).all():
         raise ValueError(f"a sigma is not positive: {sigma.min()}")
-    views = Views(
-        shaped(rotations, (n, 3, 3)), shaped(centres, (n, 3)), shaped(rays, (n, 2)), sigma
-    )
-    point, covariance = np.full(3, np.nan), np.full((3, 3), np.nan)
-    inflation = _solve(views, point, covariance)
+    poses = shaped(rotations, (n, 3, 3)), shaped(centres, (n, 3))
+    views = Views(*poses, np.arange(n), shaped(rays, (n, 2)), sigma)
+    point, covariance = np.empty(3), np.empty((3, 3))
+    inflation = solve_point(views, point, covariance)
     return point, covariance * inflation
 
 
 @compiled
-def _solve(views: Views, point: Array, inverse: Array) -> float:
-    # Fills the point and the inverse of its normal equations; returns the factor of the latter by the residuals.
+def solve_point(views: Views, point: Array, inverse: Array) -> float:
+    """Fill the point and the inverse of its normal equations; returns the factor of the latter by the residuals."""
     normal = _Normal(np.empty((3, 3)), np.empty(3), np.empty(2))
     other, trial = _Normal(np.empty((3, 3)), np.empty(3), np.empty(2)), np.empty(3)
+    point[:], inverse[:] = np.nan, np.nan
     cost = _start(views, normal, point)
     if not np.isfinite(cost):
         return 1.0
@@ -109,14 +110,15 @@ def _start(views: Views, normal: _Normal, best: Array) -> float:
     for k in range(n):
         x, y = views.rays[k]
         for i in range(3):
-            r = views.rotations[k, i]
+            r = views.rotations[views.camera[k], i]
             directions[k, i] = r[0] * x + r[1] * y + r[2]
     point, gap, along = np.empty((1, 3)), np.empty(1), np.empty((1, 2))
     lowest = np.inf
     for i in range(n):
         for j in range(i + 1, n):
             first, second = directions[i : i + 1], directions[j : j + 1]
-            meet_rays(views.centres[i], views.centres[j], first, second, point, gap, along)
+            c0, c1 = views.centres[views.camera[i]], views.centres[views.camera[j]]
+            meet_rays(c0, c1, first, second, point, gap, along)
             if not np.isfinite(gap[0]):
                 continue
             cost = _linearise(views, point[0], normal)
@@ -135,8 +137,8 @@ def _linearise(views: Views, point: Array, normal: _Normal) -> float:
     fit[:] = 0.0
     cost, row = 0.0, np.empty((2, 3))
     for k in range(views.rays.shape[0]):
-        r, centre, sigma = views.rotations[k], views.centres[k], views.sigma[k]
-        x, y, z = projected(point, r, centre)
+        r, sigma = views.rotations[views.camera[k]], views.sigma[k]
+        x, y, z = projected(point, r, views.centres[views.camera[k]])
         if not z > 1e-6:
             cost += np.log1p(1e12)
             continue

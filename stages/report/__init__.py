@@ -12,7 +12,5 @@ from wayside.stages.report.shape import TERMS as TERMS
 from wayside.stages.report.shape import classify_shape as classify_shape
 from wayside.stages.report.shape import fourier_descriptors as fourier_descriptors
 from wayside.stages.report.shape import outlines_of as outlines_of
-from wayside.stages.report.trajectory import STEP_M as STEP_M
-from wayside.stages.report.trajectory import TRAJECTORY_FORMS as TRAJECTORY_FORMS
 from wayside.stages.report.trajectory import classify_trajectory as classify_trajectory
-from wayside.stages.report.trajectory import mean_log_ratio as mean_log_ratio
+from wayside.stages.report.trajectory import track_log_ratio as track_log_ratio

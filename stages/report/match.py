@@ -23,7 +23,6 @@ from wayside.stages.mapping import (
     WindowSolver,
     box_panel,
 )
-from wayside.stages.report.trajectory import trajectory_of
 
 AROUND = 1.5
 """Sides of what is described, in sides of the region's box: the face and the edge around it."""
@@ -158,8 +157,7 @@ def match_segments(
     Any two segments whose rays meet and that look alike make a hypothesis (eqs. 7.1 to 7.4); see `WindowSolver`. The
     confidence of a landmark and its facing are not known: score and facing are nan.
     """
-    sides = {False: SideClassifiers()}
-    yield from _Matcher(settings, sides, BOX_SIGMA, REACH).run(posed)
+    yield from _Matcher(settings, {False: SideClassifiers()}, BOX_SIGMA, REACH).run(posed)
 
 
 class _Matcher(WindowSolver):
@@ -194,10 +192,10 @@ class _Matcher(WindowSolver):
             self._report(
                 fit,
                 measured,
-                np.nan,
-                "sign",
+                score=np.nan,
+                verdict="sign",
                 evidence=(("appearance", float(look)), ("views", float(many))),
-                trajectory=trajectory_of(fit.seen["ray"], [held.motion for held, _ in views]),
+                trace=(fit.seen["ray"].copy(), tuple(held.motion.pose for held, _ in views)),
                 crops=tuple(crop for view in views[-CROPPED_VIEWS:] for crop in _crops(*view)),
             )
             centres = box_centers(fit.seen["box"]).astype(np.float32)

@@ -56,13 +56,15 @@ def match_points(
     moved = second.motion.pose.relative_to(first.motion.pose)
     shape = len(start), len(end)
     i, j = (numbers.ravel() for numbers in np.indices(shape))
-    pair = start[i], end[j], moved.rotation, moved.centre
-    e = pair_residual(*pair, (second.camera.fx, second.camera.fy)).reshape(shape)
-    point = points_of_second(*pair).reshape(*shape, 3)
+    focal, pose = (second.camera.fx, second.camera.fy), (moved.rotation, moved.centre)
+    e = pair_residual(start[i], end[j], *pose, focal).reshape(shape)
+    i, j = np.nonzero(e < LARGEST_E)
+    point = np.full((*shape, 3), np.nan)
+    point[i, j] = points_of_second(start[i], end[j], *pose)
     # exact: sums of 128 products of whole numbers below 256
     square = (own**2).sum(axis=1)[:, None] + (other**2).sum(axis=1)
     apart = np.sqrt(square - 2 * own @ other.T)
-    apart[~((e < LARGEST_E) & np.isfinite(point[:, :, 2]))] = np.inf
+    apart[np.isnan(point[:, :, 2])] = np.inf
     nearest, rows = apart.argmin(axis=1), np.arange(len(start))
     elsewhere = np.linalg.norm(places[:, None] - places, axis=2) > SAME_PX
     others = np.where(elsewhere[nearest], apart, np.inf).min(axis=1)
@@ -121,14 +123,16 @@ def triangulate_points(
     """
     sift = cv2.SIFT.create(MOST_POINTS, contrastThreshold=CONTRAST)
     for frame in tracked:
+        sides = np.array([(one.width_m, one.height_m) for one in frame.landmarks]).reshape(-1, 2)
+        ratios = log_ratios(np.log(sides), sizes).max(axis=1).tolist()
         landmarks = (
-            _placed(one, sift, sizes) if one.verdict == "sign" and len(one.crops) > 1 else one
-            for one in frame.landmarks
+            _placed(one, sift, size) if one.verdict == "sign" and len(one.crops) > 1 else one
+            for one, size in zip(frame.landmarks, ratios, strict=True)
         )
         yield replace(frame, landmarks=tuple(replace(one, crops=()) for one in landmarks))
 
 
-def _placed(one: Landmark, sift: cv2.SIFT, sizes: GaussianModel) -> Landmark:
+def _placed(one: Landmark, sift: cv2.SIFT, size: float) -> Landmark:
     first, second = one.crops
     points, e = match_points(first, second, sift)
     poses = [crop.motion.pose for crop in one.crops]
@@ -140,7 +144,6 @@ def _placed(one: Landmark, sift: cv2.SIFT, sizes: GaussianModel) -> Landmark:
     scatter *= [BOX_SIGMA[0] + BOX_SIGMA[1] * tall_px, *(POINT_PX for _ in e)]
     fit = fit_depth(points[:, 2], scatter)
     rigidity = RIGIDITY * float(np.log1p(max(0.0, fit.evidence.sum())))
-    size = float(log_ratios(np.log([[one.width_m, one.height_m]]), sizes).max())
     evidence = (*one.evidence, ("size", size), ("rigidity", rigidity))
     if sum(ratio for _, ratio in evidence) < LEAST_EVIDENCE:
         return replace(one, verdict="residual")

@@ -2,14 +2,15 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.errors import InputError
-from wayside.schemas.landmarks import TrackedFrame
+from wayside.schemas.frame import Pose
+from wayside.schemas.landmarks import Landmark, TrackedFrame
 from wayside.schemas.models import MixtureModel
-from wayside.schemas.motion import Motion
 from wayside.stages.classifiers import log_ratio
 from wayside.stages.geometry import rotation_from_vector, vector_from_rotation
 
@@ -19,10 +20,10 @@ STEP_M = 8.04672
 """Displacements are those of a step of 26.4 ft, as between two images of the report."""
 
 
-def trajectory_of(rays: NDArray[np.float64], motions: Sequence[Motion]) -> NDArray[np.float64]:
+def trajectory_of(rays: NDArray[np.float64], poses: Sequence[Pose]) -> NDArray[np.float64]:
     """The trajectory (n - 1, 2, 4) of a feature: (u, v, du, dv) of each step between its views, in both forms.
 
-    `rays` (n, 2): the feature in each view, oldest first; `motions`: camera of each. Values are nan where a ray lies
+    `rays` (n, 2): the feature in each view, oldest first; `poses`: camera of each. Values are nan where a ray lies
     behind the camera.
 
     Coordinates are x/z (right) and y/z (down), so one model serves all cameras; du, dv are scaled to a step of 26.4 ft.
@@ -30,8 +31,7 @@ def trajectory_of(rays: NDArray[np.float64], motions: Sequence[Motion]) -> NDArr
     through the camera's rotation, in which a sign next to an arc moves as on a straight road.
     """
     steps = np.empty((max(len(rays) - 1, 0), len(TRAJECTORY_FORMS), 4))
-    for k in range(len(steps)):
-        before, after = motions[k].pose, motions[k + 1].pose
+    for k, (before, after) in enumerate(pairwise(poses)):
         length = float(np.linalg.norm(after.centre - before.centre))
         half = rotation_from_vector(vector_from_rotation(before.rotation.T @ after.rotation) / 2)
         turned = (_turned(rays[k], half.T), _turned(rays[k + 1], half))
@@ -54,6 +54,11 @@ def mean_log_ratio(trajectory: NDArray[np.float64], model: MixtureModel) -> floa
     return float(log_ratio(known, model).mean()) if len(known) else -np.inf
 
 
+def track_log_ratio(one: Landmark, model: MixtureModel) -> float:
+    """`mean_log_ratio` of the trajectory of a landmark."""
+    return mean_log_ratio(trajectory_of(*one.trace), model)
+
+
 def classify_trajectory(
     tracked: Iterator[TrackedFrame], model: MixtureModel
 ) -> Iterator[TrackedFrame]:
@@ -71,8 +76,7 @@ def classify_trajectory(
     for frame in tracked:
         landmarks = (
             replace(one, verdict="trajectory")
-            if one.verdict == "sign"
-            and not mean_log_ratio(one.trajectory, model) >= model.threshold
+            if one.verdict == "sign" and not track_log_ratio(one, model) >= model.threshold
             else one
             for one in frame.landmarks
         )

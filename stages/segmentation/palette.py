@@ -1,7 +1,7 @@
 """K-means of the colours of an image, and the nearest centre of every pixel (report chapters 2.1 and 2.3).
 
-Every n-th pixel falls into one of 64^3 bins that keep count and colour sums, so that a bin stands at its true mean.
-Weighted Lloyd steps on the few thousand bins in use cost little. One step on the sample in full colours follows, then
+Every n-th pixel falls into one of 32^3 bins that keep count and colour sums, so that a bin stands at its true mean.
+Weighted Lloyd steps on the thousand bins in use cost little. One step on the sample in full colours follows, then
 the centres are rounded, which makes all later arithmetic exact: squared distances of whole colours fit single
 precision. The start is k-means++ from a fixed seed, and every machine draws the same: the same image has the same
 palette, whatever came before it.
@@ -22,16 +22,14 @@ DIFFERENCES = 443
 ROUNDED = np.arange(DIFFERENCES, dtype=np.uint16)
 """These distances themselves."""
 SEED = 1
-"""Seed of the first start of k-means++; further starts count on."""
-STARTS = 2
-"""Starts of K-means; the one of the smallest sum of squared distances is taken."""
+"""Seed of k-means++."""
 TRIALS = 4
-"""Draws for each centre of a start (greedy k-means++, Arthur and Vassilvitskii 2007)."""
+"""Draws for each centre (greedy k-means++, Arthur and Vassilvitskii 2007)."""
 LLOYD_STEPS = 20
-"""Lloyd steps of a start at most."""
+"""Lloyd steps on the bins at most."""
 SETTLED = 0.5
 """Colour levels: Lloyd steps end when no centre moves further; centres are rounded to whole levels."""
-_BINS = 64**3
+_BINS = 32**3
 _CHUNK, _PACKED = 1024, 16
 
 Floats = NDArray[np.float32]
@@ -62,15 +60,13 @@ def palette(sample: NDArray[np.uint8], clusters: int) -> NDArray[np.uint8]:
     sums, weight = np.zeros((3, len(sample))), np.zeros(len(sample), np.float32)
     used = _fill_bins(sample, sums, weight)
     mean = (sums[:, :used] * (np.float32(1) / weight[:used])).astype(np.float32)
-    centers, costs = np.empty((STARTS, clusters, 3), np.float32), []
-    for k, start in enumerate(centers):
-        _spread_start(mean, weight[:used], start, SEED + k)
-        costs.append(_settle(mean, weight[:used], start, LLOYD_STEPS))
-    best, weight[:] = np.rint(centers[int(np.argmin(costs))]), 1
-    _settle(sample.T.astype(np.float32, "C"), weight, best, 1)
-    rounded = np.rint(best).astype(np.uint8)
-    brightness = rounded.sum(axis=1, dtype=np.int64)
-    order = np.lexsort((rounded[:, 2], rounded[:, 1], rounded[:, 0], brightness))
+    centers = np.empty((clusters, 3), np.float32)
+    _spread_start(mean, weight[:used], centers)
+    _settle(mean, weight[:used], centers, LLOYD_STEPS)
+    centers[:], weight[:] = np.rint(centers), 1
+    _settle(sample.T.astype(np.float32, "C"), weight, centers, 1)
+    rounded = np.rint(centers).astype(np.uint8)
+    order = np.lexsort((*rounded.T[::-1], rounded.sum(axis=1, dtype=np.int64)))
     return np.asarray(rounded[order])
 
 
@@ -107,7 +103,7 @@ def _fill_bins(pixels: NDArray[np.uint8], sums: Array, weight: Floats) -> int:
     number, used = np.full(_BINS, -1, np.int32), 0
     for i in range(pixels.shape[0]):
         r, g, b = np.int64(pixels[i, 0]), np.int64(pixels[i, 1]), np.int64(pixels[i, 2])
-        code = (r >> 2 << 12) + (g >> 2 << 6) + (b >> 2)
+        code = (r >> 3 << 10) + (g >> 3 << 5) + (b >> 3)
         if number[code] < 0:
             number[code] = used
             used += 1
@@ -118,7 +114,7 @@ def _fill_bins(pixels: NDArray[np.uint8], sums: Array, weight: Floats) -> int:
 
 
 @compiled
-def _spread_start(mean: Floats, weight: Floats, centers: Floats, seed: int) -> None:
+def _spread_start(mean: Floats, weight: Floats, centers: Floats) -> None:
     """Greedy k-means++ (Arthur and Vassilvitskii 2007) on weighted bins, (clusters, 3): the best of some draws each.
 
     The generator (xorshift64) is its own, so that every machine draws the same.
@@ -127,7 +123,7 @@ def _spread_start(mean: Floats, weight: Floats, centers: Floats, seed: int) -> N
     squared, left, best_left = np.empty((3, n), np.float32)
     squared[:] = np.float32(np.inf)
     total = np.cumsum(weight)
-    state = np.uint64(seed * 2 + 1) * np.uint64(0x9E3779B97F4A7C15)
+    state = np.uint64(SEED * 2 + 1) * np.uint64(0x9E3779B97F4A7C15)
     for j in range(centers.shape[0]):
         least = np.inf
         for _ in range(TRIALS if j else 1):
@@ -150,8 +146,8 @@ def _spread_start(mean: Floats, weight: Floats, centers: Floats, seed: int) -> N
 
 
 @compiled
-def _settle(colors: Floats, weight: Floats, centers: Floats, steps: int) -> float:
-    """Move centres (k, 3) to the means of their colours (3, n) until they settle: weighted sum of squared distances.
+def _settle(colors: Floats, weight: Floats, centers: Floats, steps: int) -> None:
+    """Move centres (k, 3) to the weighted means of their colours (3, n) until they settle.
 
     A centre without colours moves to the colour that costs most, where it costs anything.
     """
@@ -176,8 +172,6 @@ def _settle(colors: Floats, weight: Floats, centers: Floats, steps: int) -> floa
                 centers[j], squared[worst], moved = colors[:, worst], 0, np.inf
         if moved <= SETTLED * SETTLED:
             break
-    _nearest(colors, centers, label, squared)
-    return float((weight * squared).astype(np.float64).sum())
 
 
 @compiled_within
@@ -221,10 +215,8 @@ def _fill_nearest(
     nearest, size = np.empty(_CHUNK, np.int32), np.float32(_PACKED)
     term = np.empty((k, 4), np.float32)
     for j in range(k):
-        term[j, :3], term[j, 3] = (
-            -2 * size * centers[j],
-            size * (centers[j] ** 2).sum() + j % _PACKED,
-        )
+        term[j, :3] = -2 * size * centers[j]
+        term[j, 3] = size * (centers[j] ** 2).sum() + j % _PACKED
     for start in range(0, label.size, _CHUNK):
         part = colors[3 * start : 3 * (start + _CHUNK)]
         for x in range(part.size):

@@ -10,7 +10,7 @@ from wayside.pipeline.learning.thresholds import GATE_RATES
 from wayside.pipeline.models.model_json import model_from_json, model_to_json
 from wayside.schemas.errors import InputError
 from wayside.stages.classifiers import log_ratio
-from wayside.stages.report import mean_log_ratio
+from wayside.stages.report.trajectory import mean_log_ratio
 
 STEP = 8.0
 

@@ -68,7 +68,7 @@ FRAMES, SHORT_S = 7, 0.7
 START_BYTES = 2_600_000
 """Length of the start of the demo log that holds so many frames."""
 TABLES = ("signs.parquet", "observations.parquet", "frames.parquet")
-TWO_FRAMES_S, SHAPES_AND_SIFT = 0.4, "report-shape"
+START_S, SHAPES_AND_SIFT = 1.1, "report-shape"
 AFTER_THE_DRIVE = {PathPoint, DrivePath, Landmark, Sign, Sweep, CrossSection}
 """Shown all at once, by `closing`."""
 CAMERA = "/world/vehicle/camera"
@@ -116,9 +116,9 @@ def chunks(recorded):
 
 @pytest.fixture(scope="module")
 def report_run(tmp_path_factory):
-    """The chain with shapes and SIFT, over two frames."""
+    """The chain with shapes and SIFT, up to its first sign."""
     folder, viewing = tmp_path_factory.mktemp("report"), Viewing(file=True, detail=True)
-    return run(folder, viewing, 1, TWO_FRAMES_S, SHAPES_AND_SIFT)
+    return run(folder, viewing, 1, START_S, SHAPES_AND_SIFT)
 
 
 @pytest.fixture(scope="module")

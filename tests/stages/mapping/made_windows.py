@@ -6,6 +6,7 @@ from wayside.schemas.models import EvidenceModel
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping.association import WindowCandidates
 from wayside.stages.mapping.landmark_evidence import FEATURES
+from wayside.stages.mapping.landmark_fit import fit_hypothesis
 from wayside.stages.mapping.window import FOLLOWED
 
 GAP_PX = TrackSettings().gap_px
@@ -26,6 +27,12 @@ def window(boxes, noise_px=0.0):
         first=np.cumsum([0, *map(len, boxes)]).astype(np.int64),
         table=table,
     )
+
+
+def fitted(candidates):
+    """The landmark of the first candidate of each frame that has one."""
+    row = np.where(np.diff(candidates.first) > 0, candidates.first[:-1], -1).astype(np.int32)
+    return fit_hypothesis(candidates, row, np.ones(len(candidates.table), bool), TrackSettings())
 
 
 def standing(panels, frames):

@@ -3,7 +3,6 @@ import pytest
 
 from wayside.stages.mapping.association import (
     MISS_COST,
-    MISSED,
     VALUE_SHIFT,
     Hypotheses,
     associate,
@@ -66,9 +65,9 @@ def test_assigned_candidates_are_not_associated_and_missed():
     all_free = associate(s, landmark, np.ones(3, bool), GAP_PX)
     found = associate(s, landmark, np.array([True, False, True]), GAP_PX)
     assert found.row.tolist() == [[0, -1, 2]]
-    assert found.state[0, 1] == MISSED
+    assert found.missed.tolist() == [1]
     assert all_free.value[0] - found.value[0] == pytest.approx(1.0 + VALUE_SHIFT + MISS_COST)
-    assert found.views().tolist() == [2]
+    assert [found.likely_values(k)[0] for k in (2, 3)] == [found.value[0], -np.inf]
 
 
 def test_of_two_boxes_at_the_point_the_better_scored_is_associated():
@@ -81,7 +80,7 @@ def test_of_two_boxes_at_the_point_the_better_scored_is_associated():
 def test_a_point_outside_the_image_is_not_expected():
     landmark = hypothesis([6.0, -1.0, 30.0])
     found = associate(window([[], [], [], []]), landmark, np.zeros(0, bool), GAP_PX)
-    assert found.state.tolist() == [[MISSED, MISSED, MISSED, 0]]
+    assert found.missed.tolist() == [3]
 
 
 def test_a_length_that_the_kernel_would_run_over_is_refused():

@@ -5,9 +5,9 @@ import pytest
 
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping.association import Hypotheses, pair_hypotheses
-from wayside.stages.mapping.landmark_fit import accept_greedily, fit_views, metric_size
+from wayside.stages.mapping.landmark_fit import accept_greedily
 
-from .made_windows import GAP_PX, standing, window
+from .made_windows import GAP_PX, fitted, standing, window
 
 FRAMES = 6
 
@@ -47,14 +47,15 @@ def test_too_few_views_make_no_landmark():
 
 
 def test_the_size_is_the_median_of_the_nearest_whole_views():
-    sizes = np.array([[0.9, 0.9], [0.7, 0.5], [0.72, 0.5], [0.3, 0.2]])
-    depth = np.array([40.0, 24.0, 16.0, 8.0])
-    whole = np.array([True, True, True, False])
-    middle, scatter = metric_size(sizes, depth, whole)
-    assert middle == pytest.approx([0.72, 0.5])
-    assert (scatter > 0).all()
+    wide = (0.8, 0.8, 0.8, 0.7, 0.71, 0.72, 0.73, 0.74, 0.75, 0.6)
+    candidates = window([[(3.5, -1.0, 100.0 - 8 * k, w, 0.5, 1.0)] for k, w in enumerate(wide)])
+    candidates.table["whole"][-1] = False
+    fit = fitted(candidates)
+    assert len(fit.frames) == len(wide)
+    assert fit.metric == pytest.approx([0.725, 0.5])
+    assert (fit.spread > 0).all()
 
 
 def test_nearly_parallel_rays_make_no_landmark():
     candidates = window(standing([(3.5, -1.0, 5e6, 1e5, 1e5, 1.0)], 2))
-    assert fit_views(candidates, np.arange(2), np.arange(2)) is None
+    assert fitted(candidates) is None

@@ -9,11 +9,11 @@ from wayside.schemas.settings import TrackSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.detection.box_network import BoxScores
 from wayside.stages.mapping import SideClassifiers, assemble, track
-from wayside.stages.mapping.landmark_fit import fit_views
 from wayside.stages.mapping.prediction import add_predicted_views, predicted_boxes
 from wayside.stages.mapping.window import WindowFrame, candidates_of
 
 from ..made_frames import Panel, drive, landmarks_of, made_regions, with_candidates, with_image
+from .made_windows import fitted
 
 SETTINGS = TrackSettings()
 RED = (200, 40, 40)
@@ -55,11 +55,7 @@ def holding(frames):
 
 def fit_of(held):
     """The landmark of all frames with a candidate."""
-    candidates = candidates_of(held)
-    frames = np.flatnonzero([len(h.followed) for h in held])
-    fit = fit_views(candidates, candidates.first[frames], frames)
-    assert fit is not None
-    return fit
+    return fitted(candidates_of(held))
 
 
 @pytest.fixture

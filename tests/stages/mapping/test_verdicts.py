@@ -5,11 +5,10 @@ import pytest
 
 from wayside.schemas.detections import VERDICTS
 from wayside.stages.geometry import FrenetOffset
-from wayside.stages.mapping.landmark_fit import fit_views
 from wayside.stages.mapping.verdicts import FaceBoxes, in_swept_volume, same_face
 from wayside.stages.mapping.window import unassigned_verdicts
 
-from .made_windows import standing, window
+from .made_windows import fitted, standing, window
 
 
 @pytest.mark.parametrize(
@@ -17,8 +16,7 @@ from .made_windows import standing, window
 )
 def test_nothing_stands_where_the_vehicle_drove(right, above, swept):
     candidates = window(standing([(6.0, -1.0, 60.0, 1.7, 0.8, 1.0)], 2))
-    fit = fit_views(candidates, np.arange(2), np.arange(2))
-    fit = replace(fit, covariance=np.diag([0.01, 0.01, 0.09]))
+    fit = replace(fitted(candidates), covariance=np.diag([0.01, 0.01, 0.09]))
     assert in_swept_volume(fit, FrenetOffset(60.0, right, above)) == swept
 
 

@@ -10,6 +10,7 @@ from wayside.schemas.detections import Features
 from wayside.schemas.frame import THINNED
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.report.match import FARTHEST, describe_regions, extract_sift, match_segments
+from wayside.stages.report.trajectory import trajectory_of
 
 from ..made_frames import (
     Panel,
@@ -88,7 +89,7 @@ def test_a_panel_is_placed_by_the_views_that_show_it():
     assert place.verdict == "sign"
     assert len(place.views) > 5
     assert np.isnan([place.score, place.facing_deg, place.sigma_facing_deg]).all()
-    assert place.trajectory.shape == (len(place.views) - 1, 2, 4)
+    assert trajectory_of(*place.trace).shape == (len(place.views) - 1, 2, 4)
 
 
 def test_a_frame_that_does_not_show_a_panel_does_not_end_its_views():

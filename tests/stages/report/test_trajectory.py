@@ -1,7 +1,6 @@
 """Trajectories in the image, by the closed form of a point that stands still, and their density."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,8 +14,8 @@ from wayside.schemas.frame import Pose
 from wayside.schemas.models import MixtureModel
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.mapping import assemble
-from wayside.stages.report import classify_trajectory, match_segments, mean_log_ratio
-from wayside.stages.report.trajectory import STEP_M, trajectory_of
+from wayside.stages.report import classify_trajectory, match_segments
+from wayside.stages.report.trajectory import STEP_M, mean_log_ratio, trajectory_of
 
 from ..made_frames import Panel, drive, landmarks_of
 
@@ -37,17 +36,16 @@ def model(space="image", threshold=-np.inf):
 
 
 def moved_by(*centres, rotations=None):
-    """Motions of cameras that stand at these steps ahead."""
+    """Poses of cameras that stand at these steps ahead."""
     turns = rotations or [np.eye(3)] * len(centres)
-    poses = [
+    return [
         Pose(turn, np.array([0, 0, STEP_M * c])) for turn, c in zip(turns, centres, strict=True)
     ]
-    return [SimpleNamespace(pose=pose) for pose in poses]
 
 
 def trajectory(point, cameras):
     """Trajectory of a point as these cameras see it."""
-    local = np.array([camera.pose.to_camera(np.array(point)) for camera in cameras])
+    local = np.array([camera.to_camera(np.array(point)) for camera in cameras])
     return trajectory_of(local[:, :2] / local[:, 2:], cameras)
 
 
@@ -102,7 +100,7 @@ def test_a_track_that_moves_otherwise_is_refused_and_so_are_its_candidates():
         items = list(assemble(classify_trajectory(tracked, replace(known, threshold=threshold))))
         (place,) = landmarks_of(items)
         codes = {v for item in items for v in item.candidates.verdict[item.track_id >= 0]}
-        return place.verdict, len(codes), mean_log_ratio(place.trajectory, known)
+        return place.verdict, len(codes), mean_log_ratio(trajectory_of(*place.trace), known)
 
     known = model()
     verdict, kinds, score = verdicts(-np.inf)
