@@ -14,6 +14,7 @@ from wayside.pipeline.learning import page
 from wayside.pipeline.learning.curves import RocCurve
 from wayside.pipeline.learning.fits import ClassScore, Rates
 from wayside.pipeline.models.model_files import OWN_COLORS, REPORT_LOCATION
+from wayside.pipeline.pages import render_page
 from wayside.pipeline.statistics import Interval
 
 COLOR, SHAPE, LOCATION, CONFIDENCE = "color", "shape", "location", "confidence"
@@ -111,7 +112,8 @@ def fit_page(outcomes: Sequence[Outcome], provenance: str) -> str:
             pictures = [_picture(score, model.threshold) for score in one.fitted.held.classes]
             figures.append(page.Figure("", "", "", "", pictures))
         chapters.append((one.what, figures))
-    return page.format_page("Models fitted to labels", (provenance, _CURVES), chapters)
+    about = {"title": "Models fitted to labels", "intro": (provenance, _CURVES)}
+    return render_page("figures.html", "wayside fit", **about, chapters=chapters)
 
 
 def _described(one: Outcome) -> Iterator[tuple[str, Table]]:

@@ -1,17 +1,16 @@
-"""Plots by matplotlib, and the page that shows them: one HTML file without scripts or other files.
+"""Plots by matplotlib, and what `figures.html` shows of them: one page without scripts or other files.
 
 The same values give the same bytes.
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO, StringIO
 from typing import Any, Self
 
 import matplotlib
 import numpy as np
-from jinja2 import Environment, PackageLoader
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Sheet
 
@@ -58,19 +57,6 @@ class Figure:
     def anchor(self) -> str:
         """Its name in links."""
         return "figure-" + re.sub(r"[^0-9a-z]+", "-", self.number).strip("-")
-
-
-def format_page(
-    title: str,
-    intro: Iterable[str],
-    chapters: Sequence[tuple[str, Sequence[Figure]]],
-    head: str = "",
-) -> str:
-    """The whole page. `intro`: paragraphs. `head`: HTML for its head."""
-    templates = Environment(loader=PackageLoader("wayside.pipeline.learning", ""), autoescape=True)
-    page = templates.get_template("page.html")
-    claims = [one for _, figures in chapters for one in figures if one.claim]
-    return page.render(title=title, intro=intro, chapters=chapters, head=head, claims=claims)
 
 
 INKS = ("#0b61a4", "#c4500a", "#2a8c4a", "#8b2fa3", "#a08000", "#c8102e", "#5a4632", "#119da4")

@@ -4,10 +4,9 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.files.pictures import marked_head
 from wayside.pipeline.files.visible_text import visible
-from wayside.pipeline.learning.page import Figure, format_page
-from wayside.pipeline.pages import write_page
+from wayside.pipeline.learning.page import Figure
+from wayside.pipeline.pages import render_page, write_page
 from wayside.pipeline.report_figures import segments, tracks
 from wayside.pipeline.report_figures.decisions import neyman_pearson_figures, roc_figures
 from wayside.pipeline.report_figures.drive import (
@@ -57,7 +56,7 @@ def write_figures(
         f"{100 * ALMOST_NO:g} false places in 100 images; pass two must find half of what pass one loses.",
     )
     title = f"Figures of KS-09-9 on {visible(log.stem)}"
-    content = format_page(title, words, chapters, marked_head(MARK))
+    content = render_page("figures.html", MARK, title=title, intro=words, chapters=chapters)
     write_page(page, content, MARK, overwrite=overwrite)
     return page, figures
 
