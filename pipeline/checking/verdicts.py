@@ -15,7 +15,7 @@ from wayside.pipeline.checking.quantities import Measured, Row, measure
 from wayside.pipeline.checking.rules import UNITS, Limits, Rule
 from wayside.pipeline.code_words import code_of
 from wayside.pipeline.evidence.marks import appearance_of
-from wayside.pipeline.files.parquet import ParquetFile, record_batch
+from wayside.pipeline.files.parquet import parquet_file, record_batch
 from wayside.pipeline.files.writing import whole_file
 from wayside.pipeline.results.result import holds_table, read_rows, read_run
 from wayside.schemas.sign_catalogue import CATALOGUE, SERIES, UNIT_M, US, VIENNA, CatalogueSign
@@ -233,6 +233,6 @@ def write_checks(checks: Sequence[Check], out: Path, *, overwrite: bool = False)
     is_own = partial(holds_table, table=CHECKS)
     with (
         whole_file(out / CHECKS.file, is_own=is_own, overwrite=overwrite) as stream,
-        ParquetFile(stream, CHECKS.schema) as sink,
+        parquet_file(stream, CHECKS.schema) as sink,
     ):
-        sink.write([record_batch(CHECKS, columns)])
+        sink.write_batch(record_batch(CHECKS, columns))

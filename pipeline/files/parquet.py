@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -22,40 +22,20 @@ Where = Mapping[str, str | Collection[int]]
 _BATCH_ROWS = 1 << 12
 
 
-class ParquetFile:
-    """A new Parquet file at a path, removed where the block ends with an error, or in a stream that its owner closes.
+@contextmanager
+def parquet_file(
+    file: Path | BinaryIO, schema: pa.Schema, geo: str | None = None
+) -> Iterator[pq.ParquetWriter]:
+    """Write a Parquet file at a path, or in a stream that its owner closes.
 
     Raises OSError where it cannot be written, or exists.
     """
-
-    def __init__(self, file: Path | BinaryIO, schema: pa.Schema, geo: str | None = None) -> None:
-        self._file, self._schema, self._geo = file, schema, geo
-        self._stream = create(file) if isinstance(file, Path) else file
-        self._writer = pq.ParquetWriter(self._stream, schema, compression="zstd")
-
-    def __enter__(self) -> ParquetFile:
-        return self
-
-    def write(self, batches: Sequence[pa.RecordBatch]) -> None:
-        """Write batches as one row group."""
-        self._writer.write_table(pa.Table.from_batches(batches, self._schema))
-
-    def __exit__(self, kind: object, *_: object) -> None:
-        try:
-            if self._geo is not None:
-                self._writer.add_key_value_metadata({"geo": self._geo})
-            self._writer.close()
-            if isinstance(self._file, Path):
-                self._stream.close()
-        except OSError:
-            kind = OSError
-            raise
-        finally:
-            if kind is not None and isinstance(self._file, Path):
-                with suppress(OSError):
-                    self._file.unlink()
-                with suppress(OSError):  # what waits in its buffer does not fit, either
-                    self._stream.close()
+    with ExitStack() as opened:
+        stream = opened.enter_context(create(file)) if isinstance(file, Path) else file
+        writer = opened.enter_context(pq.ParquetWriter(stream, schema, compression="zstd"))
+        yield writer
+        if geo is not None:
+            writer.add_key_value_metadata({"geo": geo})
 
 
 def geoparquet_metadata(signs: Sequence[dict[str, Any]]) -> str:

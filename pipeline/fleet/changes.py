@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from wayside.pipeline.code_words import code_of, statement_of
-from wayside.pipeline.files.parquet import ParquetFile, geoparquet_metadata, record_batch
+from wayside.pipeline.files.parquet import geoparquet_metadata, parquet_file, record_batch
 from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.files.writing import require_free, whole_file
 from wayside.pipeline.fleet.absence import (
@@ -163,14 +163,14 @@ def find_changes(
     schema = schema_with_settings(CHANGES, merge=comparison.merge, changes=comparison.settings)
     with (
         whole_file(target, is_own=is_own, overwrite=overwrite) as stream,
-        ParquetFile(stream, schema, geoparquet_metadata([])) as sink,
+        parquet_file(stream, schema, geoparquet_metadata([])) as sink,
     ):
         for rows in comparison.rows():
             comparison.report.counts.update(row["change"] for row in rows)
             if rows:
                 told = [without_place(row) | review.columns(row) for row in rows]
                 columns = {n: [r.get(n) for r in told] for n in CHANGES.schema.names}
-                sink.write([record_batch(CHANGES, columns)])
+                sink.write_batch(record_batch(CHANGES, columns))
     return comparison.report
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.code_words import statement_of
-from wayside.pipeline.files.parquet import ParquetFile, geoparquet_metadata, record_batch
+from wayside.pipeline.files.parquet import geoparquet_metadata, parquet_file, record_batch
 from wayside.pipeline.fleet.folders import CELL, schema_with_settings
 from wayside.pipeline.fleet.inventory_data import DriveSigns
 from wayside.pipeline.fleet.straight_routes import without_place
@@ -221,8 +221,8 @@ def _write(folder: Path, table: Table, rows: list[Row], settings: MergeSettings)
     rows = [{"lateral_m": None} | without_place(row) for row in rows]
     batch = record_batch(table, {n: [row[n] for row in rows] for n in table.schema.names})
     schema = schema_with_settings(table, merge=settings)
-    with ParquetFile(folder / "part-0.parquet", schema, geoparquet_metadata(rows)) as sink:
-        sink.write([batch])
+    with parquet_file(folder / "part-0.parquet", schema, geoparquet_metadata(rows)) as sink:
+        sink.write_batch(batch)
 
 
 def _replaced(

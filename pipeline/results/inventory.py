@@ -11,11 +11,11 @@ import numpy as np
 import pyarrow as pa
 
 from wayside.pipeline.files.parquet import (
-    ParquetFile,
     choice,
     fixed_list,
     geoparquet_metadata,
     known,
+    parquet_file,
     record_batch,
 )
 from wayside.pipeline.files.writing import create, not_written
@@ -197,7 +197,7 @@ class InventoryWriter:
         at = OBSERVATIONS.schema.get_field_index("sign_id")
         tracks = OBSERVATIONS.schema.get_field_index("track_id")
         with (
-            ParquetFile(self._folder / OBSERVATIONS.file, OBSERVATIONS.schema) as sink,
+            parquet_file(self._folder / OBSERVATIONS.file, OBSERVATIONS.schema) as sink,
             self._scratch_path.open("rb") as scratch,
         ):
             waiting: list[pa.RecordBatch] = []
@@ -206,9 +206,9 @@ class InventoryWriter:
                 named = pa.array([names.get(track) for track in followed], pa.string())
                 waiting.append(batch.set_column(at, OBSERVATIONS.schema.field(at), named))
                 if sum(b.num_rows for b in waiting) >= _BATCH_ROWS:
-                    sink.write(waiting)
+                    sink.write_table(pa.Table.from_batches(waiting, OBSERVATIONS.schema))
                     waiting = []
-            sink.write(waiting)
+            sink.write_table(pa.Table.from_batches(waiting, OBSERVATIONS.schema))
 
     def _write_frames(self, path: DrivePath) -> None:
         columns = self._frames
@@ -220,5 +220,5 @@ class InventoryWriter:
         self._write(FRAMES, columns)
 
     def _write(self, table: Table, columns: dict[str, Any], geo: str | None = None) -> None:
-        with ParquetFile(self._folder / table.file, table.schema, geo) as sink:
-            sink.write([record_batch(table, columns)])
+        with parquet_file(self._folder / table.file, table.schema, geo) as sink:
+            sink.write_batch(record_batch(table, columns))

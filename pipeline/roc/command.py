@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from wayside.pipeline.files.output_folder import OutputFolder
-from wayside.pipeline.files.parquet import ParquetFile, record_batch
+from wayside.pipeline.files.parquet import parquet_file, record_batch
 from wayside.pipeline.files.writing import create, not_written, refuse
 from wayside.pipeline.labels.read import joined, read_labels
 from wayside.pipeline.learning import page
@@ -122,8 +123,9 @@ def _write(
                 (CLASSIFIERS, [_columns(CLASSIFIERS, [*map(_summary, curves)])]),
                 (CONFUSION, [_columns(CONFUSION, counts)]),
             ):
-                with ParquetFile(output.part / table.file, table.schema) as file:
-                    file.write([record_batch(table, columns) for columns in parts])
+                with parquet_file(output.part / table.file, table.schema) as file:
+                    batches = [record_batch(table, columns) for columns in parts]
+                    file.write_table(pa.Table.from_batches(batches, table.schema))
             for name, those in drawn.items():
                 with create(output.part / f"roc_{name}.png") as stream:
                     stream.write(draw_curves(name, those))
