@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from wayside.pipeline.checking.quantities import KNOWN_QUANTITIES
-from wayside.pipeline.files.input_files import read_input_text
 from wayside.pipeline.files.lengths import METRES_IN_FOOT
-from wayside.pipeline.files.parsing import parse_toml
+from wayside.pipeline.files.parsing import read_toml
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.errors import UsageError
 from wayside.schemas.sign_catalogue import INCH_M, SYSTEMS
@@ -85,14 +84,8 @@ def read_rules(names: Sequence[str]) -> list[Rule]:
     for name in names:
         shipped = SHIPPED.get(name.removesuffix(".toml"))
         file = shipped if shipped is not None and not Path(name).exists() else Path(name)
-        try:
-            content = parse_toml(read_input_text(file))
-        except OSError as error:
-            raise UsageError(
-                f"rules {name} cannot be read: {error.strerror}. Name a file, or one of {', '.join(SHIPPED)}."
-            ) from error
-        except ValueError as error:
-            raise UsageError(f"rules {name}: this is not valid TOML: {error}") from error
+        advice = f"Correct it, or name another file, or one of {', '.join(SHIPPED)}."
+        content = read_toml(file, "rules", advice)
         shared = {key: value for key, value in content.items() if not isinstance(value, dict)}
         for key in [key for key in content if key not in shared]:
             try:

@@ -5,13 +5,15 @@ import io
 import json
 import re
 import tomllib
-from collections.abc import Collection
+from collections.abc import Callable, Collection
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from wayside.pipeline.files.input_files import read_input_text
+from wayside.schemas.errors import UsageError, WaysideError
 
 CONTENT_FAULTS = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 """Exceptions that values of an unexpected kind, size or structure raise where they are used."""
@@ -23,16 +25,27 @@ FORMULA = r"^'*[=+\-@\t\r]"
 
 def parse_json(text: str | bytes) -> Any:
     """What a JSON text holds; raises ValueError for another text, or one nested too deeply."""
-    try:
-        return json.loads(text)
-    except RecursionError as error:
-        raise ValueError("it is nested too deeply") from error
+    return _parsed(json.loads, text)
 
 
-def parse_toml(text: str) -> dict[str, Any]:
-    """What a TOML text holds; raises ValueError for another text, or one nested too deeply."""
+def read_toml(
+    file: Path, what: str, advice: str, refusal: type[WaysideError] = UsageError
+) -> dict[str, Any]:
+    """What a TOML file holds; raises a `refusal` that says `what` cannot be read, or is none, and what to do."""
     try:
-        return tomllib.loads(text)
+        content: dict[str, Any] = _parsed(tomllib.loads, read_input_text(file))
+    except (OSError, ValueError) as error:
+        fault = f"is not valid TOML: {error}"
+        if isinstance(error, OSError):
+            fault = f"cannot be read: {error.strerror}"
+        raise refusal(f"{what} {file} {fault}. {advice}") from error
+    return content
+
+
+def _parsed(parse: Callable[[Any], Any], text: str | bytes) -> Any:
+    """What a parser makes of a text; raises its errors, and ValueError for a text nested too deeply."""
+    try:
+        return parse(text)
     except RecursionError as error:
         raise ValueError("it is nested too deeply") from error
 
@@ -50,9 +63,7 @@ class YamlLoader(yaml.SafeLoader):
 def parse_yaml(text: str, loader: type[YamlLoader] = YamlLoader) -> Any:
     """What a YAML text holds; raises ValueError for another text, an alias, or deep nesting."""
     try:
-        return yaml.load(text, loader)
-    except RecursionError as error:
-        raise ValueError("it is nested too deeply") from error
+        return _parsed(partial(yaml.load, Loader=loader), text)
     except (yaml.YAMLError, *CONTENT_FAULTS) as error:  # its own classes for dates and numbers
         raise ValueError(f"not valid YAML: {' '.join(str(error).split())}") from error
 

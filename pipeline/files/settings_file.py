@@ -12,9 +12,8 @@ from dataclasses import Field, asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.files.input_files import read_input_text
 from wayside.pipeline.files.lengths import parse_length
-from wayside.pipeline.files.parsing import parse_toml
+from wayside.pipeline.files.parsing import read_toml
 from wayside.schemas.errors import UsageError
 from wayside.schemas.settings import REPORT, REPORT_2D, REPORT_SHAPE, Settings
 
@@ -115,14 +114,7 @@ def _layers(
         )
     yield from _tables(PRESETS[preset], f"preset {preset}")
     if file is not None:
-        try:
-            content = parse_toml(read_input_text(file))
-        except OSError as error:
-            raise UsageError(f"settings file {file} cannot be read: {error.strerror}") from error
-        except ValueError as error:
-            raise UsageError(
-                f"settings file {file} is not valid TOML: {error}; `wayside settings` prints one that is"
-            ) from error
+        content = read_toml(file, "settings file", "`wayside settings` prints one.")
         yield from _tables(content, file.name)
     for text in assignments:
         name, equals, value = text.partition("=")

@@ -5,8 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.files.input_files import read_input_text
-from wayside.pipeline.files.parsing import parse_toml
+from wayside.pipeline.files.parsing import read_toml
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.detectors import SignClass
 from wayside.schemas.errors import InputError
@@ -19,16 +18,8 @@ def read_class_map(path: Path) -> dict[str, SignClass]:
 
     Raises InputError where the file cannot be read, has another structure, or names an unknown colour or shape.
     """
-    try:
-        content = parse_toml(read_input_text(path))
-    except OSError as error:
-        raise InputError(
-            f"models.classes: the class map at {path} cannot be read: {error.strerror}. Correct the path."
-        ) from error
-    except ValueError as error:
-        raise InputError(
-            f"models.classes: {path} is not valid TOML: {error}; write it as in\n{EXAMPLE}"
-        ) from error
+    what, advice = "models.classes: the class map at", f"Write it as in\n{EXAMPLE}"
+    content = read_toml(path, what, advice, InputError)
     classes = content.pop("classes", None)
     if not isinstance(classes, dict) or not classes or content:
         found = ", ".join(content) or ("no class" if classes == {} else "no such table")

@@ -48,7 +48,6 @@ def test_a_detector_without_names_wants_numbers(tmp_path):
         ('[classes]\nstop = { color = "purple" }\n', "'purple', .* one of white, yellow"),
         ('[classes]\nstop = { shape = "heart" }\n', "'heart', .* one of rectangle"),
         ("[classes\n", "not valid TOML"),
-        ("a = " + "[" * 100_000, "too deeply"),
     ],
 )
 def test_what_is_no_class_map_is_refused_with_words(tmp_path, text, words):
