@@ -142,29 +142,22 @@ def calibration(message: Any, _: memoryview) -> list[CalibrationContent]:
 
 
 def pose(message: Any, _: memoryview) -> list[PoseContent]:
-    """`foxglove.PoseInFrame`, `geometry_msgs/msg/PoseStamped`."""
-    return [_pose(message, message.pose)]
+    """A pose; of several the first, which is the one at the time stamp."""
+    own = message.poses[:1] if hasattr(message, "poses") else [message.pose]
+    return [_pose(message, one) for one in own]
 
 
-def poses(message: Any, _: memoryview) -> list[PoseContent]:
-    """`foxglove.PosesInFrame`: the first, which is the one at its time stamp."""
-    return [_pose(message, one) for one in message.poses[:1]]
-
-
-def transform(message: Any, _: memoryview) -> list[PoseContent]:
-    """`foxglove.FrameTransform`, `geometry_msgs/msg/TransformStamped`."""
-    m = message
-    time_ns, parent = _head(m)
-    inner = getattr(m, "transform", m)
-    r, t = inner.rotation, inner.translation
-    turn, shift = (r.x, r.y, r.z, r.w), (t.x, t.y, t.z)
-    parent = _text(getattr(m, "parent_frame_id", parent))
-    return [PoseContent(time_ns, parent, _text(m.child_frame_id), turn, shift)]
-
-
-def transforms(message: Any, data: memoryview) -> list[PoseContent]:
-    """`foxglove.FrameTransforms`, `tf2_msgs/msg/TFMessage`."""
-    return [content for one in message.transforms for content in transform(one, data)]
+def transforms(message: Any, _: memoryview) -> list[PoseContent]:
+    """One transform, or several."""
+    found = []
+    for one in getattr(message, "transforms", [message]):
+        time_ns, parent = _head(one)
+        inner = getattr(one, "transform", one)
+        r, t = inner.rotation, inner.translation
+        turn, shift = (r.x, r.y, r.z, r.w), (t.x, t.y, t.z)
+        parent = _text(getattr(one, "parent_frame_id", parent))
+        found.append(PoseContent(time_ns, parent, _text(one.child_frame_id), turn, shift))
+    return found
 
 
 def odometry(message: Any, _: memoryview) -> list[PoseContent]:
@@ -225,15 +218,15 @@ _TYPES: dict[str, tuple[Kind, _Read]] = {
     "foxglove.RawImage": (Kind.IMAGE, raw_image),
     "foxglove.CameraCalibration": (Kind.CALIBRATION, calibration),
     "foxglove.PoseInFrame": (Kind.POSE, pose),
-    "foxglove.PosesInFrame": (Kind.POSE, poses),
-    "foxglove.FrameTransform": (Kind.TRANSFORM, transform),
+    "foxglove.PosesInFrame": (Kind.POSE, pose),
+    "foxglove.FrameTransform": (Kind.TRANSFORM, transforms),
     "foxglove.FrameTransforms": (Kind.TRANSFORM, transforms),
     "foxglove.LocationFix": (Kind.FIX, fix),
     "sensor_msgs/msg/CompressedImage": (Kind.IMAGE, compressed_image),
     "sensor_msgs/msg/Image": (Kind.IMAGE, raw_image),
     "sensor_msgs/msg/CameraInfo": (Kind.CALIBRATION, calibration),
     "geometry_msgs/msg/PoseStamped": (Kind.POSE, pose),
-    "geometry_msgs/msg/TransformStamped": (Kind.TRANSFORM, transform),
+    "geometry_msgs/msg/TransformStamped": (Kind.TRANSFORM, transforms),
     "tf2_msgs/msg/TFMessage": (Kind.TRANSFORM, transforms),
     "nav_msgs/msg/Odometry": (Kind.ODOMETRY, odometry),
     "sensor_msgs/msg/NavSatFix": (Kind.FIX, fix),
@@ -252,15 +245,14 @@ def type_name(channel: Channel) -> str:
 
 def kind_of(channel: Channel) -> Kind | None:
     """What a channel is for; None where its type is of no use here."""
-    known = _TYPES.get(type_name(channel))
-    return None if known is None else known[0]
+    return _TYPES.get(type_name(channel), (None,))[0]
 
 
 class Decoders:
-    """Decodes messages of any channel. Keeps one unpacker for each channel, or the reason why it has no unpacker."""
+    """Decodes messages of any channel. Keeps one unpacker for each channel that has one."""
 
     def __init__(self) -> None:
-        self._by_channel: dict[int, tuple[Channel, _Unpack | str]] = {}
+        self._by_channel: dict[int, tuple[Channel, _Unpack]] = {}
 
     def decode(self, channel: Channel, content: memoryview) -> Sequence[Content]:
         """What a message says: one content, or none, or several (transforms).
@@ -270,16 +262,9 @@ class Decoders:
         name = type_name(channel)
         known = self._by_channel.get(channel.id)
         if known is None or known[0] is not channel:
-            try:
-                known = channel, _unpacker(channel, name)
-            except ContentError as error:
-                known = channel, str(error)
-            self._by_channel[channel.id] = known
-        unpack = known[1]
-        if isinstance(unpack, str):
-            raise ContentError(unpack)
+            known = self._by_channel[channel.id] = channel, _unpacker(channel, name)
         try:
-            message = unpack(content)
+            message = known[1](content)
             return _TYPES[name][1](message, _data(message))
         except ContentError:
             raise
