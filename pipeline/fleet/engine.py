@@ -10,14 +10,14 @@ import signal
 import sys
 import threading
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from wayside.pipeline.fleet.manifest import Entry
 from wayside.pipeline.fleet.task import Task
@@ -34,7 +34,7 @@ class WorkerDeathError(WaysideError):
     """How the worker of a task died, in words."""
 
 
-class Engine(ABC):
+class Engine(AbstractContextManager["Engine"]):
     """Carries tasks out side by side, in any order; leaving the block ends what is under way.
 
     `run`: a function that another process can import. `jobs`: tasks side by side.
@@ -42,13 +42,6 @@ class Engine(ABC):
 
     def __init__(self, run: Run, jobs: int) -> None:
         self._run, self._jobs = run, jobs
-
-    def __enter__(self) -> Self:
-        return self
-
-    @abstractmethod
-    def __exit__(self, *_: object) -> None:
-        """End what is under way."""
 
     def places(self) -> int:
         """How many tasks it takes at a time, now."""
