@@ -3,8 +3,7 @@
 import difflib
 import json
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -96,7 +95,7 @@ class RouteFile:
             import pyproj
 
             to_file = pyproj.Transformer.from_crs(_WGS_84, self.crs, always_xy=True)
-            with _with_measures():
+            with warnings.catch_warnings(action="ignore"):  # geometries have their M all the same
                 meta, table = pyogrio.read_arrow(
                     self.path,
                     layer=self.layer,
@@ -182,7 +181,7 @@ def _layer(path: Path) -> tuple[str, list[str], str, Any]:
     import pyogrio
     import pyproj
 
-    with _with_measures():
+    with warnings.catch_warnings(action="ignore"):
         layers = [(str(name), str(kind)) for name, kind in pyogrio.list_layers(path)]
         lines = [name for name, kind in layers if "LineString" in kind or kind == "Unknown"]
         if not lines:
@@ -251,14 +250,6 @@ def _segments(
         points[kept + 1, 2],
         file.settings.unit,
     )
-
-
-@contextmanager
-def _with_measures() -> Iterator[None]:
-    """Without the warnings that geometry types have no M in pyogrio: the geometries that it hands on have."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Measured")
-        yield
 
 
 def _no_crs(path: Path) -> InputError:
