@@ -206,15 +206,14 @@ def _chain_path(plan: Plan, chain: list[str], timeline: Timeline) -> CameraPath 
     """The camera in the parent of the last frame of a chain, at each image; None where it is that frame."""
     total: CameraPath | None = None
     for name in chain:
-        edge = plan.survey.tree.edges[name]
-        if edge.moves:
+        mount = plan.survey.tree.mount([name])
+        if mount is None:
+            edge = plan.survey.tree.edges[name]
             poses = _at_images(edge, f"transforms of {shortened(name)}", timeline)
             if poses is None:
                 return None
             outer = path_of(poses)
         else:
-            mount = plan.survey.tree.mount([name])
-            assert mount is not None
             outer = fixed(mount, len(timeline.order))
         total = outer if total is None else composed(outer, total)
     return total
