@@ -2,7 +2,7 @@
 
 import math
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -17,7 +17,6 @@ from wayside.pipeline.results.result import find_log, read_rows, read_run, read_
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Frame, Image
 from wayside.schemas.labels import Box
-from wayside.schemas.settings import ReadSettings
 from wayside.schemas.tables import FRAMES
 from wayside.stages.imaging import decode
 
@@ -128,12 +127,11 @@ def read_boxes(
         wanted[frame].append((key, box))
     if not wanted:
         return
-    run = read_run(out)
-    source, settings = find_log(run, log), read_settings(out, run)
-    for image in read_images(source, settings, wanted.keys(), read_times(out)):
+    blur = blur or read_settings(out, read_run(out)).blur
+    for image in read_images(out, log, wanted.keys()):
         for key, box in wanted[image.frame.index]:
             rgb = image.rgb
-            if rgb is not None and (blur or settings.blur):
+            if rgb is not None and blur:
                 rgb = blurred(rgb, [box])
             yield key, replace(image, rgb=rgb), box
 
@@ -144,22 +142,22 @@ def read_times(out: Path) -> dict[int, int]:
     return {row["frame"]: row["log_time_ns"] for row in rows}
 
 
-def read_images(
-    log: Path, settings: ReadSettings, wanted: Collection[int], log_times_ns: Mapping[int, int]
-) -> Iterator[Image]:
-    """Decoded images of frames of these indices, in order; reading ends with the last of them.
+def read_images(out: Path, log: Path | None, wanted: Collection[int]) -> Iterator[Image]:
+    """Decoded images of a result's log, of frames of these indices, in order; reading ends with the last of them.
 
-    `log_times_ns`: of every frame of the result. Raises InputError if the log has other times.
+    `log`: as of `read_boxes`. Raises InputError as that.
     """
+    run, times_ns = read_run(out), read_times(out)
+    source, settings = find_log(run, log), read_settings(out, run)
 
     def frames() -> Iterator[Frame]:
         last = max(wanted, default=-1)
-        for frame in read_frames(log, settings, ReadReport()):
+        for frame in read_frames(source, settings, ReadReport()):
             if frame.index in wanted:
-                if frame.log_time_ns != log_times_ns[frame.index]:
+                if frame.log_time_ns != times_ns[frame.index]:
                     raise InputError(
-                        f"{log}: this is not the log that the result was made from. Frame {frame.index} is of "
-                        f"{frame.log_time_ns} ns instead of {log_times_ns[frame.index]} ns. Give the right one with "
+                        f"{source}: this is not the log that the result was made from. Frame {frame.index} is of "
+                        f"{frame.log_time_ns} ns instead of {times_ns[frame.index]} ns. Give the right one with "
                         "--log."
                     )
                 yield frame

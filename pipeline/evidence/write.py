@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from wayside.pipeline.evidence.crops import Crop, draw_crop, read_crops, read_images, read_times
+from wayside.pipeline.evidence.crops import Crop, draw_crop, read_crops, read_images
 from wayside.pipeline.evidence.gather import DriveMap, Evidence, SignView, gather
 from wayside.pipeline.evidence.marks import METRIC, Units
 from wayside.pipeline.evidence.sheet import PROPORTION, draw_sheet, format_index, format_sheet
@@ -25,7 +25,7 @@ from wayside.pipeline.files.pictures import (
     webp_address,
 )
 from wayside.pipeline.files.writing import create, not_written, refuse
-from wayside.pipeline.results.result import find_log, read_run, read_settings
+from wayside.pipeline.results.result import read_run, read_settings
 from wayside.pipeline.reviewing.known import KnownResult
 from wayside.pipeline.reviewing.matching import Review
 from wayside.pipeline.reviewing.review import find_review
@@ -188,13 +188,13 @@ class _Binder:
         lens = self.run["camera"]
         shown = dict.fromkeys((one["frame"] for one in known.cameras.values()), "")
         matrix = np.array([[lens["fx"], 0, lens["cx"]], [0, lens["fy"], lens["cy"]], [0, 0, 1]])
-        source, settings = find_log(self.run, self.log), read_settings(self.out, self.run)
+        blur = self.blur or read_settings(self.out, self.run).blur
         panels = defaultdict[int, list[Box]](list)
         for view in (view for one in signs for view in one.views):
             panels[view.frame].append(view.box)
-        for image in read_images(source, settings, shown.keys(), read_times(self.out)):
+        for image in read_images(self.out, self.log, shown.keys()):
             if (rgb := image.rgb) is not None:
-                if self.blur or settings.blur:
+                if blur:
                     rgb = blurred(rgb, panels[image.frame.index])
                 plain = cv2.undistort(rgb, matrix, np.array(lens["distortion"], np.float64))
                 size = (_IMAGE_WIDTH, round(_IMAGE_WIDTH * plain.shape[0] / plain.shape[1]))

@@ -9,11 +9,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.pipeline.evidence.crops import read_images, read_times
+from wayside.pipeline.evidence.crops import read_images
 from wayside.pipeline.files.parsing import CONTENT_FAULTS
 from wayside.pipeline.fleet.inventory_data import DriveFrames, read_frames, read_signs
 from wayside.pipeline.fleet.manifest import DRIVES
-from wayside.pipeline.results.result import find_log, read_run, read_settings
+from wayside.pipeline.results.result import read_run
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Camera
 from wayside.schemas.settings.merging import ChangeSettings, MergeSettings
@@ -207,10 +207,8 @@ def _mark_hidden_of_drive(
     """Read the images of one drive once, each kept as long as a coverage needs it."""
     waiting = sorted(coverages, key=lambda one: int(one[1].rows[-1]))
     row_of = {int(view.frames.frame[row]): int(row) for _, one in coverages for row in one.rows}
-    run = read_run(folder)
-    log, read = find_log(run, None), read_settings(folder, run)
     kept: dict[int, NDArray[np.uint8]] = {}
-    for image in read_images(log, read, row_of.keys(), read_times(folder)):
+    for image in read_images(folder, None, row_of.keys()):
         row = row_of[image.frame.index]
         if image.grey is not None:
             kept[row] = image.grey
@@ -225,7 +223,7 @@ def _mark_hidden_of_drive(
     if waiting:
         last = int(view.frames.frame[waiting[-1][1].rows[-1]])
         raise InputError(
-            f"{log}: the log ends before image {last}: it is shorter than it was at the run"
+            f"{folder}: its log ends before image {last}: it is shorter than it was at the run"
         )
 
 
