@@ -26,7 +26,6 @@ from wayside.stages.georeference import (
     place_signs,
 )
 from wayside.stages.imaging import decode
-from wayside.stages.kernels import Each
 from wayside.stages.mapping import PanelModels, assemble, classify_location, track
 from wayside.stages.odometry import estimate_motion, extract_features
 from wayside.stages.report import (
@@ -64,10 +63,8 @@ class Chain:
     """Filled by `per_frame`, read by `lens`."""
 
 
-def chain_of(
-    settings: Settings, models: Models, routes: RouteFile | None = None, each: Each = map
-) -> Chain:
-    """The chain of the preset that the settings are of; `each` does independent work of a stage, as `map`."""
+def chain_of(settings: Settings, models: Models, routes: RouteFile | None = None) -> Chain:
+    """The chain of the preset that the settings are of."""
     s, m, report = settings, models, settings.report.on
     detector, record, watch = detector_of(s, m), DriveRecord(), CalibrationWatch()
     roadside: list[Sweep] | None = [] if s.roadside.on else None
@@ -83,7 +80,7 @@ def chain_of(
             stage("motion", estimate_motion, s.motion),
             stage("calibration", watch_calibration, watch).unseen(),
             None if roadside is None else stage("roadside", sweep_roadside, roadside).unseen(),
-            *(_report_landmarks(s, m) if report else _landmarks(s, m, detector, faces, each)),
+            *(_report_landmarks(s, m) if report else _landmarks(s, m, detector, faces)),
             stage("assemble", assemble),
             stage("collect", collect, record).unseen(),
         ),
@@ -96,13 +93,11 @@ def chain_of(
     )
 
 
-def _landmarks(
-    s: Settings, m: Models, detector: Detector, faces: FaceClassifier | None, each: Each
-) -> Stages:
+def _landmarks(s: Settings, m: Models, detector: Detector, faces: FaceClassifier | None) -> Stages:
     """Preset `default`: boxes of networks or of another detector, tracks by predicted position, all evidence."""
     sides, panels = (detector.front, detector.back), PanelModels(m.outline_weights, m.post_kinds)
     return _those(
-        stage("track", track, s.track, *sides, panels, jointly=True, each=each),
+        stage("track", track, s.track, *sides, panels, jointly=True),
         stage("location", classify_location, None, s.locate),
         stage("face", classify_faces, model=faces) if faces else None,
     )

@@ -2,7 +2,7 @@
 
 import threading
 from collections import defaultdict, deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -216,19 +216,3 @@ class Workers:
     ) -> Callable[[Source], Result]:
         """What a thread of the pool does with an item."""
         return partial(result_of, chain)
-
-    def map(self, function: Callable[[Given], Value], items: Iterable[Given]) -> Iterator[Value]:
-        """As the builtin `map`, side by side with what is under way.
-
-        What no worker has begun when its turn comes is done in the thread that asks, so none waits for a busy worker.
-        """
-        if self._pool is None:
-            yield from map(function, items)
-            return
-        given = [(item, self._pool.submit(function, item)) for item in items]
-        try:
-            for item, future in given:
-                yield function(item) if future.cancel() else future.result()
-        finally:
-            for _, future in given:
-                future.cancel()

@@ -1,6 +1,6 @@
 """Compiled kernels: machine code without the interpreter lock, kept on disk; and checks of the arrays they get."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import numba
@@ -9,9 +9,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 """An array of doubles, the usual argument of a geometric kernel."""
-
-Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
-"""Applies a function to each of some items, as the builtin `map`: results come in the order of the items."""
 
 # Division by zero gives inf or nan as in NumPy, so that no division carries a branch that raises; the wrapper for
 # callers in C is left out. Both only lengthen compilation.

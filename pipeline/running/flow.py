@@ -1,7 +1,7 @@
 """Runs a chain of stages over a log: workers, order, journal, clock, observer. It knows no stage by what it does."""
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Protocol
@@ -77,7 +77,7 @@ class Flow:
         count, shares = self.settings.run.workers, self.observer is None and self.journal is None
         forks = self.forks and shares and count > 1 and can_fork()
         self.workers = ForkedWorkers(count, self.clock) if forks else Workers(count)
-        self.chain = chain_of(self.settings, self.models, self.routes, self._each)
+        self.chain = chain_of(self.settings, self.models, self.routes)
 
     def track(self, frames: Iterator[Frame]) -> Iterator[TrackedFrame]:
         """Send frames all the way: every frame comes out once, in order, with the landmarks first seen in it."""
@@ -119,10 +119,6 @@ class Flow:
                 (image,) = self._through(self.chain.per_image[:1], iter([frame]))
                 known = self.journal.replay(image)
             yield from self.detect(iter([frame])) if known is None else (known,)
-
-    def _each(self, function: Callable[[Any], Any], items: Iterable[Any]) -> Iterator[Any]:
-        """Do independent work of a stage in the workers."""
-        return self.workers.map(self.clock.apart("measure", function), items)
 
     def _follow(self, detections: Iterator[Detections]) -> Iterator[TrackedFrame]:
         """Do what needs the frames in order. Pixels are held until the frame is tracked, or has no motion."""

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from wayside.stages.detection import BoxClassifier, fits_face
 from wayside.stages.geometry import distort_points, ideal_of_rays
-from wayside.stages.kernels import Each
 from wayside.stages.mapping.association import EXPECTED_PX, NEAREST_M
 from wayside.stages.mapping.landmark_fit import LandmarkFit
 from wayside.stages.mapping.window import WindowFrame, WindowPoses, is_whole, joined
@@ -28,15 +27,13 @@ def add_predicted_views(
     fits: Sequence[LandmarkFit],
     window: Sequence[WindowFrame],
     classifiers: Mapping[bool, BoxClassifier],
-    each: Each = map,
 ) -> list[LandmarkFit]:
     """Add to each landmark the predicted views that a classifier accepts.
 
     The views are added to the frames' candidates, source `predicted`. They count as seen, but do not move the point,
     which predicted them.
 
-    `classifiers`: of one view, of faces (False) and of backs (True); without one none is predicted. `each`: applies a
-    function to items, as `map`.
+    `classifiers`: of one view, of faces (False) and of backs (True); without one none is predicted.
     """
     landmark, frame, box = predicted_boxes(fits, window)
     back = np.array([fit.back for fit in fits], np.bool_)[landmark]
@@ -54,7 +51,7 @@ def add_predicted_views(
         return classifiers[side].scores(rgb, box[rows])
 
     views: list[list[tuple[int, int]]] = [[] for _ in fits]
-    for (k, side, rows), found in zip(groups, each(scores, groups), strict=True):
+    for (k, side, rows), found in zip(groups, map(scores, groups), strict=True):
         good = found >= classifiers[side].model.threshold
         if good.any():
             added = window[k].add(box[rows[good]], found[good], back=side)

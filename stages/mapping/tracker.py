@@ -21,7 +21,7 @@ from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import FrenetOffset
-from wayside.stages.kernels import Array, Each
+from wayside.stages.kernels import Array
 from wayside.stages.mapping.association import NEAREST_M, Hypotheses, pair_hypotheses
 from wayside.stages.mapping.landmark import build_landmark, measure_landmark
 from wayside.stages.mapping.landmark_evidence import (
@@ -75,7 +75,6 @@ def track(
     panel: PanelModels | None = None,
     jointly: bool = False,
     box_sigma: tuple[float, float] = BOX_SIGMA,
-    each: Each = map,
 ) -> Iterator[TrackedFrame]:
     """Decide every candidate: measure it as a landmark with its other views, or say why not.
 
@@ -85,11 +84,10 @@ def track(
     `front`: classifiers of faces: of landmarks (None: each whose views agree is a sign) and of predicted views (None:
     no views are predicted). `back`: the same for panels seen from behind. None: they are not tracked. `panel`: models
     that measure panels as planes. None: boxes alone give position and size. `jointly`: whether a landmark is adjusted
-    together with the motion. `box_sigma`: scatter of the centres of boxes, as `BOX_SIGMA`. `each`: like `map`, for
-    functions that need the images; it may use several threads.
+    together with the motion. `box_sigma`: scatter of the centres of boxes, as `BOX_SIGMA`.
     """
     sides = {False: front or SideClassifiers()} | ({} if back is None else {True: back})
-    yield from _Tracker(settings, sides, box_sigma, PAIR_REACH, panel, jointly, each).run(posed)
+    yield from _Tracker(settings, sides, box_sigma, PAIR_REACH, panel, jointly).run(posed)
 
 
 class _Classified(NamedTuple):
@@ -239,7 +237,6 @@ class _Tracker(WindowSolver):
 
     panel: PanelModels | None
     jointly: bool
-    each: Each
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -253,7 +250,7 @@ class _Tracker(WindowSolver):
         self._reported = [one for one in self._reported if not oldest.to_camera(one.point)[2] < 0]
         self._images = WindowPoses.of(self._window)
         views = {back: side.view for back, side in self.sides.items() if side.view is not None}
-        ranked = self._ranked(add_predicted_views(passed, self._window, views, self.each))
+        ranked = self._ranked(add_predicted_views(passed, self._window, views))
         boxes = FaceBoxes.of([one.fit for one in ranked], self._images)
         near = same_face(boxes.select(np.s_[:, None]), FaceBoxes.of(ahead, self._images))
         settled = list[int]()
@@ -287,32 +284,21 @@ class _Tracker(WindowSolver):
     def _ranked(self, fits: Sequence[LandmarkFit]) -> list[_Classified]:
         """Landmarks, likeliest signs first; the surroundings of what cannot be a sign without them are not measured."""
         found = [self._seen(fit) for fit in fits]
-        likely = iter(self.each(self._surrounded, [one for one in found if one.accepted]))
-        found = [next(likely) if one.accepted else one for one in found]
+        found = [self._surrounded(one) if one.accepted else one for one in found]
         return sorted(found, key=lambda one: -one.evidence.log_odds)
 
     def _decide(self, ranked: Sequence[_Classified], boxes: FaceBoxes) -> None:
-        """Give landmarks, in these boxes, their verdicts in their order, and measure them.
-
-        Those that will be signs unless a surer one changes that are measured together beforehand.
-        """
-        likely, each = list[int](), boxes.select(np.s_[:, None])
+        """Give landmarks, in these boxes, their verdicts in their order, and measure them."""
+        each = boxes.select(np.s_[:, None])
         reported = FaceBoxes.of(self._reported, self._images)
         explained = np.asarray(same_face(each, reported).any(axis=1))
-        then, alike = explained.copy(), same_face(each, boxes)
-        for k, one in enumerate(ranked):
-            if self._verdict(one, explained=then[k]) == "sign":
-                then |= alike[k]
-                likely.append(k)
-        found = self.each(self._measured, [ranked[k] for k in likely])
-        measured = dict(zip(likely, found, strict=True))
         for k, one in enumerate(ranked):  # once more: the surer ones say where signs stand
             now = self._classify(one.fit, one.offset, one.evidence.features.copy())
             if now.accepted and np.isnan(now.evidence.features[SURROUNDINGS]):
                 now = self._surrounded(now)
             verdict = self._verdict(now, explained=explained[k])
             if verdict == "sign":
-                self._finish(now, *(measured.get(k) or self._measured(now)))
+                self._finish(now, *self._measured(now))
                 newest = FaceBoxes.of(self._reported[-1:], self._images)
                 explained |= same_face(each, newest).any(axis=1)
             else:

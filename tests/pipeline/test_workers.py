@@ -62,26 +62,6 @@ def test_results_come_in_the_order_of_the_items_whatever_the_number_of_workers(k
     assert not multiprocessing.active_children()
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_a_map_keeps_the_order_and_does_not_wait_for_busy_workers(workers):
-    held = threading.Event()
-
-    def waits(items):
-        for item in items:
-            assert workers == 1 or held.wait(10)
-            yield item
-
-    with Workers(workers) as pool:
-        results = pool.ordered(waits, iter(range(4)), queue=2)
-        taken = threading.Thread(target=lambda: list(results), name="taken")
-        taken.start()
-        assert list(pool.map(lambda n: n * n, range(20))) == [n * n for n in range(20)]
-        held.set()
-        taken.join()
-        with pytest.raises(ZeroDivisionError):
-            list(pool.map(lambda n: 1 // n, (2, 1, 0, 1)))
-
-
 def test_a_slow_consumer_makes_the_reader_wait():
     read = []
 
