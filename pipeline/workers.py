@@ -5,7 +5,6 @@ from collections import defaultdict, deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
 from time import thread_time
 from typing import Concatenate, Generic, ParamSpec, Protocol, TypeVar
 
@@ -198,21 +197,14 @@ class Workers:
         for first in items:
             yield result_of(chain, first)
             break
-        elsewhere = self._elsewhere(chain)
         under_way: deque[tuple[Source, Future[Result]]] = deque()
         while True:
             while len(under_way) < self.count * queue and (not under_way or has_room()):
                 item = next(items, None)
                 if item is None:
                     break
-                under_way.append((item, self._pool.submit(elsewhere, item)))
+                under_way.append((item, self._pool.submit(result_of, chain, item)))
             if not under_way:
                 return
             if under_way[0][1].done() or not _last_is_done(under_way, chain):
                 yield under_way.popleft()[1].result()
-
-    def _elsewhere(
-        self, chain: Callable[[Iterator[Source]], Iterator[Result]]
-    ) -> Callable[[Source], Result]:
-        """What a thread of the pool does with an item."""
-        return partial(result_of, chain)

@@ -348,7 +348,7 @@ def process(
 
     rest = sys.argv[1:], how.every_region, open_observer, how.rate, how.overwrite, how.resume
     calibrate = partial(self_calibrated, overwrite=how.overwrite) if how.self_calibrate else None
-    asked, under_way = RunRequest(log, folder, settings, models, *rest, calibrate, True), Run()
+    asked, under_way = RunRequest(log, folder, settings, models, *rest, calibrate), Run()
     try:
         with (
             FrameProgress(log.name, under_way) as progress,

@@ -8,7 +8,6 @@ from typing import Any, Protocol
 
 from wayside.pipeline.chains import Chain, chain_of, profile_stage
 from wayside.pipeline.files.route_file import RouteFile
-from wayside.pipeline.forked_workers import ForkedWorkers, can_fork
 from wayside.pipeline.models.model_files import Models
 from wayside.pipeline.running.image_memory import ImageMemory
 from wayside.pipeline.running.journal import Journal
@@ -67,16 +66,12 @@ class Flow:
     routes: RouteFile | None = None
     memory: ImageMemory = field(default_factory=ImageMemory)
     counts: FrameCounts = field(default_factory=FrameCounts)
-    forks: bool = False
-    """Whether workers may be processes; with an observer or a journal they are threads, which share them."""
     workers: Workers = field(init=False)
     chain: Chain = field(init=False)
 
     def __post_init__(self) -> None:
         """Build the chain of the preset; its networks are shared by all workers."""
-        count, shares = self.settings.run.workers, self.observer is None and self.journal is None
-        forks = self.forks and shares and count > 1 and can_fork()
-        self.workers = ForkedWorkers(count, self.clock) if forks else Workers(count)
+        self.workers = Workers(self.settings.run.workers)
         self.chain = chain_of(self.settings, self.models, self.routes)
 
     def track(self, frames: Iterator[Frame]) -> Iterator[TrackedFrame]:

@@ -169,8 +169,6 @@ class RunRequest:
     """Keep a `Journal`, and go on with that of an earlier run. Not with an observer, which would miss its frames."""
     calibrate: Calibrate | None = None
     """Called first; None: the calibration is that of the settings or of the log."""
-    forks: bool = False
-    """Whether workers may be processes (`ForkedWorkers`): for a program that does nothing else."""
 
 
 def run_log(asked: RunRequest, run: Run | None = None) -> RunResult:
@@ -242,7 +240,7 @@ class _Task:
             if observer is not None and observer.records:
                 self.earlier.check_recording()
             counts, clock = self.run.counts, self.clock
-            own = observer, self.journal, routes, memory, counts, asked.forks
+            own = observer, self.journal, routes, memory, counts
             flow = Flow(settings, asked.models, clock, *own)
             for settled in flow.track(frames):
                 self.statuses[settled.frame.status] += 1

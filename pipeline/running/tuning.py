@@ -5,7 +5,6 @@ The library leaves all of this alone: a process belongs to the program that star
 
 import ctypes
 import gc
-import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
@@ -66,26 +65,21 @@ def watched_compilation(notify: Callable[[bool], None]) -> Iterator[None]:
 
 
 class _CompilationListener(event.Listener):
-    """Counts nested compilations; numba compiles under one lock, so there is one at a time. A fork notifies no one."""
+    """Counts nested compilations; numba compiles under one lock, so there is one at a time."""
 
     def __init__(self, notify: Callable[[bool], None]) -> None:
         self._notify, self._depth, self._collects = notify, 0, False
-        self._process = os.getpid()
 
     def on_start(self, event: object) -> None:
         self._depth += 1
         if self._depth == 1:
             self._collects = gc.isenabled()
             gc.disable()
-            self._tell(True)
+            self._notify(True)
 
     def on_end(self, event: object) -> None:
         self._depth -= 1
         if self._depth == 0:
             if self._collects:
                 gc.enable()
-            self._tell(False)
-
-    def _tell(self, active: bool) -> None:
-        if os.getpid() == self._process:
-            self._notify(active)
+            self._notify(False)
