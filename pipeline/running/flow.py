@@ -22,8 +22,8 @@ from wayside.stages.calibration import DriveCalibration
 from wayside.stages.georeference import DrivePath
 from wayside.stages.roadside import on_road
 
-QUEUED = 3
-"""Images that wait at most for each worker, which has work while a window is solved; more take memory alone."""
+QUEUED = 2
+"""Images under way for each worker, at most: with three a run is 2 % faster and takes 20 MB more."""
 
 
 class Observer(Protocol):
