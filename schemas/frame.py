@@ -149,7 +149,7 @@ class Frame:
     """A key of `FRAME_STATUS_WORDS`."""
     encoding: str
     """Of `data`: `jpeg`, `png`, ... of a compressed image; `bgr8`, `rgb8`, `mono8`, ... of a raw one."""
-    data: bytes = field(repr=False)
+    data: bytes | memoryview = field(repr=False)
     """The bytes as recorded. May be empty where the frame is not used."""
     camera: Camera | None
     """Its calibration. None: unknown."""

@@ -185,5 +185,4 @@ def image_fault(image: ImageContent) -> str:
 def frame_of(image: ImageContent) -> Frame:
     """An image by itself, as it is decoded."""
     encoding, width, height = format_and_size(image)
-    data = bytes(image.data)  # of its own: a view would hold all messages that were read with it
-    return Frame(0, 0, None, USED, encoding, data, None, width, height, image.step)
+    return Frame(0, 0, None, USED, encoding, image.data, None, width, height, image.step)

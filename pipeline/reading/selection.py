@@ -89,7 +89,7 @@ class Selection:
             )
 
     def _is_copy(self, frame: Frame, number: int) -> bool:
-        digest = hash(frame.data)
+        digest = hash(bytes(frame.data))
         is_copy = len(frame.data) > 0 and digest in self.seen
         self.seen.add(digest)
         if self.numbered is not None:

@@ -103,7 +103,7 @@ def view_frame(frame: Frame, stage: str, state: ViewState) -> list[Entity]:
         found.append(Entity(at.CAMERA, pinhole))
     media_type = PASSED_THROUGH.get(frame.encoding)
     if media_type is not None and state.images != "none" and not state.blur:
-        image = rr.EncodedImage(contents=frame.data, media_type=media_type)
+        image = rr.EncodedImage(contents=bytes(frame.data), media_type=media_type)
         found.append(Entity(at.IMAGE, image))
     return found
 
