@@ -55,7 +55,7 @@ next(flow.detect(read_frames(Path(sys.argv[1]), settings.read, ReadReport())))
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Of one program: images, processor and wall seconds, peak memory in MB, milliseconds of a decode meanwhile."""
+    """Of one process: images, processor and wall seconds, peak memory in MB, milliseconds of a decode meanwhile."""
 
     images: int
     processor: float
@@ -225,31 +225,13 @@ class Bench:
             stderr=subprocess.DEVNULL,
             env=os.environ | {"OMP_NUM_THREADS": "1"} | (variables or {}),
         )
-        peak, turn = 0.0, 0
-        while not (ended := os.wait4(child.pid, os.WNOHANG))[0]:
-            time.sleep(0.01)
-            turn += 1
-            if turn % 30 == 0:
-                peak = max(peak, memory_mb(child.pid))
-        _, status, used = ended
+        _, status, used = os.wait4(child.pid, 0)
         wall = time.perf_counter() - start
         if status != 0 and images != PEERS["pycolmap"]:  # which says so where no model comes about
             raise SystemExit(f"{command}: ended with status {status}")
         processor = used.ru_utime + used.ru_stime
         decode = (before + self._decoder.ms()) / 2
-        return Cost(images, processor, wall, peak, decode)
-
-
-def memory_mb(number: object) -> float:
-    """Memory of a process and of those that it has started; what several share is divided among them."""
-    own = Path(f"/proc/{number}")
-    try:
-        lines = (own / "smaps_rollup").read_text().splitlines()
-        started = (own / f"task/{number}/children").read_text().split()
-    except OSError:
-        return 0.0
-    own_kb = sum(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
-    return own_kb / 1024 + sum(map(memory_mb, started))
+        return Cost(images, processor, wall, used.ru_maxrss / 1024, decode)
 
 
 def play(source: Path, target: Path, times: int) -> None:
