@@ -1,3 +1,8 @@
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -87,3 +92,28 @@ def test_a_view_is_drawn_as_the_template_sees_it():
     drawn = warp_to_template(view, found)[..., 0]
     inside = (slice(12, -12), slice(12, -12))
     assert np.abs(drawn[inside] - template[inside]).mean() < 2.0
+
+
+@pytest.mark.slow
+def test_the_process_that_compiles_finds_the_same_bits_as_those_that_load_kernels(tmp_path):
+    program = """
+import numpy as np
+from test_image_alignment import align, middle_weight, moved, scene
+for seed in range(9):
+    patch = moved(scene(seed), (0.7, -1.2), (1.02, 0.97)) + np.float32(3 * seed)
+    found = align(scene(seed), middle_weight(), patch, np.array([1.0, -1.0]))
+    print(*(float(value).hex() for value in (*found.shift, *found.stretch, found.zncc)))
+"""
+    folders = {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(Path(__file__).parent)}
+    first, second = (
+        subprocess.run(
+            [sys.executable, "-c", program],
+            env=os.environ | folders,
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for _ in range(2)
+    )
+    assert first.count("0x") == 45
+    assert first == second
