@@ -99,10 +99,13 @@ def _keep_maxima(heat: Any, cells: Any) -> Any:
     """Move those cells (n,), numbers in (sides, rows, columns) of the heat, to the front that no neighbour exceeds."""
     rows, columns, count = heat.shape[1], heat.shape[2], 0
     for cell in cells:
-        line, j = divmod(cell, columns)
-        side, i = divmod(line, rows)
-        near = heat[side, max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2]
-        if heat[side, i, j] >= near.max():
+        line, j = cell // columns, cell % columns
+        side, i = line // rows, line % rows
+        highest = True
+        for y in range(max(i - 1, 0), min(i + 2, rows)):
+            for x in range(max(j - 1, 0), min(j + 2, columns)):
+                highest &= heat[side, i, j] >= heat[side, y, x]
+        if highest:
             cells[count] = cell
             count += 1
     return count

@@ -10,7 +10,6 @@ from wayside.stages.geometry.levenberg_marquardt import minimiser as minimiser
 from wayside.stages.geometry.linear_algebra import cholesky_solve as cholesky_solve
 from wayside.stages.geometry.linear_algebra import cross_matrices as cross_matrices
 from wayside.stages.geometry.linear_algebra import invert_symmetric as invert_symmetric
-from wayside.stages.geometry.linear_algebra import median_of_few as median_of_few
 from wayside.stages.geometry.path import FrenetOffset as FrenetOffset
 from wayside.stages.geometry.path import frenet_offset as frenet_offset
 from wayside.stages.geometry.path import median_longitude_deg as median_longitude_deg

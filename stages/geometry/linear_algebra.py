@@ -1,9 +1,6 @@
 """Small dense linear algebra: Cholesky solution, inverse of a symmetric 3 x 3 matrix; cross products, medians."""
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from wayside.stages.kernels import Array, compiled
 
@@ -69,9 +66,3 @@ def cross_matrices(vectors: Array) -> Array:
 
 _CROSS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)
 """These matrices of the three axes, row after row."""
-
-
-def median_of_few(values: NDArray[Any]) -> NDArray[Any]:
-    """Median along the last axis; `np.median` takes several times as long for few values."""
-    ordered, last = np.sort(values, axis=-1), values.shape[-1] - 1
-    return np.asarray((ordered[..., last // 2] + ordered[..., (last + 1) // 2]) / 2)
