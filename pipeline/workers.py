@@ -145,7 +145,7 @@ def _last_is_done(
     under_way: deque[tuple[Source, Future[Result]]],
     chain: Callable[[Iterator[Source]], Iterator[Result]],
 ) -> bool:
-    """Do the last of the items that no worker has begun; False where there is none."""
+    """Do the last item that no worker has begun; False if all have been begun."""
     for k in reversed(range(len(under_way))):
         item, waits = under_way[k]
         if waits.cancel():

@@ -31,7 +31,7 @@ def parse_json(text: str | bytes) -> Any:
 def read_toml(
     file: Path, what: str, advice: str, refusal: type[WaysideError] = UsageError
 ) -> dict[str, Any]:
-    """What a TOML file holds; raises a `refusal` that says `what` cannot be read, or is none, and what to do."""
+    """The content of a TOML file; raises a `refusal`, which says what to do, where it cannot be read or is not TOML."""
     try:
         content: dict[str, Any] = _parsed(tomllib.loads, read_input_text(file))
     except (OSError, ValueError) as error:

@@ -1,8 +1,8 @@
 """Motion and points of two images adjusted together, with the length of the baseline held (report chapter 8).
 
-Each point is measured in these two images only, so the adjustment eliminates it: what it leaves of the errors of a tie
-is the Sampson distance, to first order, and motion alone is unknown. The points follow from the motion. Only the prior
-measures the length of the step; inverse depths are in units of it.
+Each point is measured in these two images only, so the adjustment eliminates it. To first order, the Sampson distance
+is what remains of the errors of a tie. Motion alone is unknown; the points follow from it. Only the prior measures the
+length of the step; inverse depths are in units of it.
 """
 
 from typing import NamedTuple
