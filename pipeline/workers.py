@@ -186,17 +186,13 @@ class Workers:
     ) -> Iterator[Result]:
         """Send items through `chain`, each by itself; results come in the order of the items.
 
-        The first is done here: what it loads is there for all. At most `queue` items a worker are under way: a slow
-        consumer makes the reader wait; so does `has_room` where it says no, though one item is always under way. The
-        chain must give one result an item. A fault is raised here, after the results before it. Raises StageError as
-        `result_of`.
+        At most `queue` items a worker are under way: a slow consumer makes the reader wait; so does `has_room` where it
+        says no, though one item is always under way. The chain must give one result an item. A fault is raised here,
+        after the results before it. Raises StageError as `result_of`.
         """
         if self._pool is None:
             yield from chain(items)
             return
-        for first in items:
-            yield result_of(chain, first)
-            break
         under_way: deque[tuple[Source, Future[Result]]] = deque()
         while True:
             while len(under_way) < self.count * queue and (not under_way or has_room()):

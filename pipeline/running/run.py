@@ -240,8 +240,9 @@ class _Task:
             if observer is not None and observer.records:
                 self.earlier.check_recording()
             counts, clock = self.run.counts, self.clock
-            own = observer, self.journal, routes, memory, counts
-            flow = Flow(settings, asked.models, clock, *own)
+            flow = Flow(
+                settings, asked.models, clock, observer, self.journal, routes, memory, counts
+            )
             for settled in flow.track(frames):
                 self.statuses[settled.frame.status] += 1
                 if settled.frame.status == DUPLICATE:
