@@ -110,7 +110,7 @@ def simulate(
     """
     from wayside.pipeline.cli.progress import SheetProgress
     from wayside.pipeline.files.writing import holding, require_free
-    from wayside.pipeline.running.tuning import watched_compilation
+    from wayside.pipeline.running.compilation import watched_compilation
     from wayside.pipeline.simulation import simulate as planning
 
     if json is not None:

@@ -331,8 +331,9 @@ def process(
     from wayside.pipeline.cli.summary import print_summary
     from wayside.pipeline.models.model_files import load_models
     from wayside.pipeline.reading.frames import ReadReport
+    from wayside.pipeline.running.compilation import watched_compilation
     from wayside.pipeline.running.run import Run, RunObserver, RunRequest, run_log
-    from wayside.pipeline.running.tuning import tune_process, watched_compilation
+    from wayside.pipeline.running.tuning import tune_process
 
     how = how or RunOptions()
     tune_process()

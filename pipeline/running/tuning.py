@@ -1,16 +1,14 @@
-"""What the command line sets for its whole process: threads of libraries, kept memory, compilation.
+"""What the command line sets for its whole process: threads of libraries, kept memory.
 
 The library leaves all of this alone: a process belongs to the program that started it.
 """
 
 import ctypes
 import gc
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 
 import cv2
 import scipy.linalg  # noqa: F401  (loads its linear algebra)
-from numba.core import event
 from threadpoolctl import threadpool_limits
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENAS = -1, -3, -8  # parameter numbers of glibc's malloc.h
@@ -51,35 +49,3 @@ def trim_heap() -> None:
     """Give freed memory back to the system: that of the images, which what comes after the last one does not need."""
     with suppress(AttributeError, OSError, TypeError):
         ctypes.CDLL(None).malloc_trim(0)
-
-
-@contextmanager
-def watched_compilation(notify: Callable[[bool], None]) -> Iterator[None]:
-    """Compile kernels faster in a block, and call `notify` with True where a compilation starts, False where it ends.
-
-    Garbage collection pauses meanwhile. The compiler makes millions of small objects that live until it is done, and
-    scanning them repeatedly costs about a fifth of its time.
-    """
-    with event.install_listener("numba:compile", _CompilationListener(notify)):
-        yield
-
-
-class _CompilationListener(event.Listener):
-    """Counts nested compilations; numba compiles under one lock, so there is one at a time."""
-
-    def __init__(self, notify: Callable[[bool], None]) -> None:
-        self._notify, self._depth, self._collects = notify, 0, False
-
-    def on_start(self, event: object) -> None:
-        self._depth += 1
-        if self._depth == 1:
-            self._collects = gc.isenabled()
-            gc.disable()
-            self._notify(True)
-
-    def on_end(self, event: object) -> None:
-        self._depth -= 1
-        if self._depth == 0:
-            if self._collects:
-                gc.enable()
-            self._notify(False)

@@ -8,7 +8,7 @@ import sys
 
 from numba import njit
 
-from wayside.pipeline.running.tuning import watched_compilation
+from wayside.pipeline.running.compilation import watched_compilation
 
 
 def test_linear_algebra_runs_in_one_thread_whatever_the_machine():

@@ -4,8 +4,14 @@ import os
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
+import pytest
+
+from wayside.pipeline.running.compilation import compiled_ahead
 from wayside.stages.kernels import compiled
+
+RECORDINGS = Path(__file__).parents[2] / "recordings"
 
 
 def test_a_kernel_without_a_file_to_cache_beside_still_compiles():
@@ -54,3 +60,49 @@ def test_a_kernel_compiled_by_an_earlier_version_of_the_code_is_compiled_again(t
         command = [sys.executable, "-c", "import version"]
         done = subprocess.run(command, cwd=tmp_path, env=kept, capture_output=True, text=True)
         assert done.stdout == "8.0\n", done.stderr
+
+
+CALLED = """
+import sys
+from wayside.pipeline.cli import app
+app(["run", sys.argv[1], "-o", sys.argv[2]], standalone_mode=False)
+print("called:")
+for name, module in sorted(sys.modules.items()):
+    if name.startswith("wayside.stages."):
+        for function in vars(module).values():
+            if getattr(function, "__module__", "") == name and hasattr(function, "stats"):
+                for types in [s for s in function.signatures if function.stats.cache_path]:
+                    print(name, function.__name__, types)
+"""
+"""Prints types of the kernels that a run has called."""
+
+
+@pytest.mark.slow
+def test_the_kernels_of_a_run_are_those_that_another_process_compiles_ahead(tmp_path):
+    for _ in range(2):  # at first kernels that only others call are compiled, too
+        command = [sys.executable, "-c", CALLED, RECORDINGS / "demo.mcap", tmp_path]
+        done = subprocess.run(command, capture_output=True, text=True, check=True)
+    called = set(done.stdout.partition("called:\n")[2].splitlines())
+    ahead = {f"{one.__module__} {one.__name__} {types}" for one, types in compiled_ahead()}
+    assert called <= ahead
+    assert len(called) > 0.8 * len(ahead)  # others need fixes, or a longer drive
+
+
+@pytest.mark.slow
+def test_another_process_compiles_from_the_last_kernel_on(tmp_path):
+    program = """
+import sys, time
+from pathlib import Path
+import numpy as np
+from wayside.pipeline.running.compilation import watched_compilation
+from wayside.stages.geometry.rotation import tangent_basis
+with watched_compilation(lambda active: None):
+    tangent_basis(np.array([0.0, 0.0, 1.0]))
+    while not [*Path(sys.argv[1]).rglob(f"{sys.argv[2]}-*.nbi")]:
+        time.sleep(0.1)
+"""
+    last, _ = compiled_ahead()[-1]
+    name = f"{last.__module__.rpartition('.')[2]}.{last.__name__}"
+    command = [sys.executable, "-c", program, tmp_path, name]
+    kept = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    subprocess.run(command, env=kept, check=True, timeout=60)
