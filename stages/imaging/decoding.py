@@ -95,7 +95,7 @@ def decode_pixels(frame: Frame) -> tuple[str, NDArray[np.uint8] | None]:
             rgb = _raw_pixels(frame)
         elif data.size and frame.width > 0 and frame.height > 0:
             if data[:2].tobytes() == _JPEG:
-                return _jpeg_pixels(data)
+                return _jpeg_pixels(bytes(frame.data))
             decoded = cv2.imdecode(data, _AS_STORED)
             if decoded is not None and data[:4].tobytes() in _TIFF and not _is_whole_tiff(data):
                 return DAMAGED, None
@@ -105,14 +105,13 @@ def decode_pixels(frame: Frame) -> tuple[str, NDArray[np.uint8] | None]:
     return (UNDECODABLE, None) if rgb is None else (USED, rgb)
 
 
-def _jpeg_pixels(data: NDArray[np.uint8]) -> tuple[str, NDArray[np.uint8] | None]:
+def _jpeg_pixels(data: bytes) -> tuple[str, NDArray[np.uint8] | None]:
     """Status and pixels of a JPEG.
 
     libjpeg fills what is missing or cannot be read with grey and warns; simplejpeg, the same decoder with the same
     pixels as OpenCV's, hands the warnings on. What no decoder notices is a damaged coefficient whose code is valid.
     """
-    begun = (data[:-1] == _START_OF_SCAN[0]) & (data[1:] == _START_OF_SCAN[1])
-    if np.count_nonzero(begun) > _MOST_SCANS:
+    if data.count(_START_OF_SCAN) > _MOST_SCANS:
         return UNDECODABLE, None
     try:
         _, _, colors, _ = simplejpeg.decode_jpeg_header(data)
@@ -120,9 +119,8 @@ def _jpeg_pixels(data: NDArray[np.uint8]) -> tuple[str, NDArray[np.uint8] | None
         return UNDECODABLE, None
     if str(colors).upper() in ("CMYK", "YCCK"):
         # without an end after its last scan, a decoder fills the rest with grey without an error
-        content = data.tobytes()
-        cut_short = content.rfind(_END_OF_JPEG) < content.rfind(_START_OF_SCAN)
-        decoded = None if cut_short else cv2.imdecode(data, _AS_STORED)
+        cut_short = data.rfind(_END_OF_JPEG) < data.rfind(_START_OF_SCAN)
+        decoded = None if cut_short else cv2.imdecode(np.frombuffer(data, np.uint8), _AS_STORED)
         return (DAMAGED, None) if decoded is None else (USED, np.ascontiguousarray(decoded))
     try:
         return USED, simplejpeg.decode_jpeg(data, "RGB")
