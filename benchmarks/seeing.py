@@ -101,7 +101,7 @@ def result_of(name: str, folder: Path, threshold: float | None) -> tuple[list[Ro
     `threshold` replaces that of the landmark classifier.
     """
     spacing = RENDERED[name]
-    options = {"read.spacing_m": parse_length(spacing)} if spacing else {}
+    options = {"read.spacing_m": parse_length(spacing, "--spacing")} if spacing else {}
     settings, _ = load_settings("default", None, [], options | {"run.workers": 1})
     models = load_models(settings)
     if threshold is not None and models.landmark_classifier is not None:

@@ -4,6 +4,7 @@ import threading
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from time import thread_time
 from typing import Concatenate, Generic, ParamSpec, Protocol, TypeVar
@@ -158,7 +159,7 @@ def _last_is_done(
     return False
 
 
-class Workers:
+class Workers(AbstractContextManager["Workers"]):
     """Threads that do the work of a run; the thread that asks is one of them: while it waits, it does the last items.
 
     One more would wait for the interpreter's lock. Results do not depend on their number. Leaving ends all threads.
@@ -167,10 +168,6 @@ class Workers:
     def __init__(self, count: int) -> None:
         self.count = count
         self._pool = ThreadPoolExecutor(count - 1, "wayside-") if count > 1 else None
-
-    def __enter__(self) -> "Workers":
-        """Return itself."""
-        return self
 
     def __exit__(self, *_: object) -> None:
         """Drop items that wait, and wait for items in progress."""

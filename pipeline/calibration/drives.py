@@ -8,7 +8,7 @@ from pathlib import Path
 
 from wayside.pipeline.reading.calibrations import read_camera_file
 from wayside.pipeline.reading.frames import ReadReport, read_frames
-from wayside.pipeline.reading.plan import check_settings, make_plan
+from wayside.pipeline.reading.plan import make_plan
 from wayside.pipeline.reading.survey import LogSurvey, survey_log
 from wayside.schemas.detections import Candidates, Detections, Regions
 from wayside.schemas.errors import InputError
@@ -119,7 +119,6 @@ def _estimate(log: Path, guess: Camera | None, settings: Settings) -> DriveCalib
 
 def _plan(log: Path, settings: ReadSettings) -> tuple[ReadSettings, str, tuple[int, int]]:
     """Settings by which the log can be read, the source of the calibration given, and the size of the images."""
-    check_settings(settings)
     survey = survey_log(log, settings.camera)
     try:
         plan = make_plan(survey, settings, _SOME_CAMERA)

@@ -28,6 +28,8 @@ from wayside.pipeline.files.visible_text import counted, fitted, visible, visibl
 from wayside.schemas.errors import PARTS_LOST, UsageError
 
 app = Application("A drive")
+Order = StrEnum("Order", {"by_name": "name", "by_date": "date"})
+"""What decides the order of images, whatever contradicts it."""
 
 
 def parse_date(text: str, option: str) -> datetime:
@@ -38,13 +40,6 @@ def parse_date(text: str, option: str) -> datetime:
         raise UsageError(
             f"{option}: {text!r} is not a date. Write 2009-05-14, or 2009-05-14T10:31+02:00."
         ) from error
-
-
-class Order(StrEnum):
-    """What decides the order of images, whatever contradicts it."""
-
-    by_name = "name"
-    by_date = "date"
 
 
 @app.command(epilog=examples("wayside info drive.mcap", "wayside info drive.mcap --json"))

@@ -92,11 +92,6 @@ class _Shown:
             words = (str(one).strip() for one in shown)
             print(*filter(None, words), file=sys.stderr, flush=True)
 
-    @property
-    def description(self) -> str:
-        """The start of the line: the label, or that kernels are compiled."""
-        return self._bar.tasks[0].description
-
     def compiling(self, active: bool) -> None:
         """Say that kernels are compiled, so that a first run explains its minute; where no bar is shown, in a line."""
         self._bar.update(self._task, description=COMPILING if active else self._label)

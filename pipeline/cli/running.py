@@ -59,13 +59,8 @@ SELF_CALIBRATE = flag(
     "Calibrate the camera from the drive first, like `wayside calibrate LOG`. Writes camera.yaml to the output folder.",
     panel=READ,
 )
-
-
-class Listed(StrEnum):
-    """Which regions become rows of observations.parquet."""
-
-    passed = "passed"
-    all = "all"
+Listed = StrEnum("Listed", ["passed", "all"])
+"""Which regions become rows of observations.parquet."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,11 +13,10 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.files.pictures import blurred, webp_address
 from wayside.pipeline.reading.frames import ReadReport, read_frames
-from wayside.pipeline.results.result import find_log, read_rows, read_run, read_settings
+from wayside.pipeline.results.result import find_log, read_run, read_settings, read_times
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import Frame, Image
 from wayside.schemas.labels import Box
-from wayside.schemas.tables import FRAMES
 from wayside.stages.imaging import decode
 
 Key = TypeVar("Key")
@@ -134,12 +133,6 @@ def read_boxes(
             if rgb is not None and blur:
                 rgb = blurred(rgb, [box])
             yield key, replace(image, rgb=rgb), box
-
-
-def read_times(out: Path) -> dict[int, int]:
-    """Log time of each frame of a result, nanoseconds."""
-    rows = read_rows(out, FRAMES, ["frame", "log_time_ns"])
-    return {row["frame"]: row["log_time_ns"] for row in rows}
 
 
 def read_images(out: Path, log: Path | None, wanted: Collection[int]) -> Iterator[Image]:

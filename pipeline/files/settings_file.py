@@ -167,7 +167,7 @@ def _number(text: str, kind: type[Any], unit: str) -> Any:
     except ValueError:
         if unit != "m":
             raise
-        return parse_length(text.removeprefix("-")) * (-1 if text.startswith("-") else 1)
+        return parse_length(text.removeprefix("-"), unit) * (-1 if text.startswith("-") else 1)
 
 
 def _limits(leaf: Field[Any]) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wayside.pipeline.evidence.crops import read_images
 from wayside.pipeline.files.parsing import CONTENT_FAULTS
-from wayside.pipeline.fleet.inventory_data import DriveFrames, read_frames, read_signs
+from wayside.pipeline.fleet.inventory_data import DriveFrames, Floats, Ints, read_frames, read_signs
 from wayside.pipeline.fleet.manifest import DRIVES
 from wayside.pipeline.results.result import read_run
 from wayside.schemas.errors import InputError
@@ -36,8 +36,6 @@ FEWEST_SIGNS = 5
 VISIBLE_PX = 25.0
 """Height of a visible face, where the drive does not tell: nearly all of it are found on rendered drives."""
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Row = dict[str, Any]
 Side = Literal["before", "after"]
 SIDES: tuple[Side, Side] = ("before", "after")

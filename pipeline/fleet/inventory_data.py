@@ -167,11 +167,6 @@ def cells(geodetic: Floats, zoom: int) -> Ints:
     return np.asarray(tile, np.int64)
 
 
-def cell_name(x: int, y: int, zoom: int) -> str:
-    """Quadkey of a tile."""
-    return str(mercantile.quadkey(x, y, zoom))
-
-
 def cell_origin(x: int, y: int, zoom: int) -> LocalOrigin:
     """Centre of a tile, on the ellipsoid."""
     west, south, east, north = mercantile.bounds(x, y, zoom)

@@ -12,13 +12,13 @@ from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 
+import mercantile
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.fleet.folders import replaced_tables
 from wayside.pipeline.fleet.inventory_data import (
-    cell_name,
     cell_origin,
     read_frames,
     read_signs,
@@ -127,7 +127,7 @@ class _Merging:
         self._vector_m = np.zeros((len(folders), 3))
 
     def _name(self, cell: tuple[int, int]) -> str:
-        return cell_name(*cell, self.settings.cell_zoom)
+        return str(mercantile.quadkey(*cell, self.settings.cell_zoom))
 
     def write(self, part: Path, watch: Callable[[int, int], None]) -> MergeReport:
         """Merge cell by cell into a folder."""

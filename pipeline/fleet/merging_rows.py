@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +11,9 @@ from numpy.typing import NDArray
 from wayside.pipeline.code_words import statement_of
 from wayside.pipeline.files.parquet import geoparquet_metadata, parquet_file, record_batch
 from wayside.pipeline.fleet.folders import CELL, schema_with_settings
-from wayside.pipeline.fleet.inventory_data import DriveSigns
+from wayside.pipeline.fleet.inventory_data import DriveSigns, Floats, Ints
 from wayside.pipeline.fleet.straight_routes import without_place
+from wayside.pipeline.results.routes import Row
 from wayside.pipeline.results.rows import located
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.inventory_tables import PANELS, SIGHTINGS, SUPPORTS
@@ -23,9 +23,6 @@ from wayside.schemas.sign_catalogue import CATEGORIES
 from wayside.schemas.tables import SIGN_STATUSES, Table
 from wayside.stages.georeference import LocalOrigin
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Row = dict[str, Any]
 _TOLD = (
     "sign_id", "status", "confidence", "up_m", "best_frame", "best_box", "mutcd", "vienna", "category", "legend",
     "code_probability", "route", "measure", "measure_unit",

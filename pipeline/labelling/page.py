@@ -17,11 +17,11 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from wayside.pipeline import pages
-from wayside.pipeline.evidence.crops import Crop, cut, read_boxes, read_times
+from wayside.pipeline.evidence.crops import Crop, cut, read_boxes
 from wayside.pipeline.evidence.marks import class_words
 from wayside.pipeline.files.pictures import webp_address
 from wayside.pipeline.labels.box_matching import overlap
-from wayside.pipeline.results.result import read_rows, read_run, read_table
+from wayside.pipeline.results.result import read_rows, read_run, read_table, read_times
 from wayside.schemas.detections import COLORS, SHAPES
 from wayside.schemas.labels import BACK, NOT_A_SIGN, SIGN, UNSURE, Box
 from wayside.schemas.tables import OBSERVATIONS, SIGNS

@@ -66,29 +66,12 @@ class Plan:
         return content.camera_for(self.camera.image_size, rectified=is_rectified(self.camera.name))
 
 
-def check_settings(settings: ReadSettings) -> None:
-    """Refuse settings that no log could satisfy; raises UsageError."""
-    s = settings
-    after = f"a time after --from ({s.from_s:g} s)"
-    wanted = (
-        (s.every >= 1, "--every", "1 or more", s.every),
-        (s.thin_m >= 0, "read.thin_m", "a distance, or 0 for every image", s.thin_m),
-        (s.spacing_m >= 0, "--spacing", "a distance such as 26.4ft", s.spacing_m),
-        (s.from_s >= 0, "--from", "a time after the first image", s.from_s),
-        (s.until_s == 0 or s.until_s > s.from_s, "--until", after, s.until_s),
-    )
-    for holds, option, want, found in wanted:
-        if not holds:
-            raise UsageError(f"{option} must be {want}, not {found:g}. Change it or leave it out.")
-
-
 def plan_reading(path: Path, settings: ReadSettings, camera: Camera | None = None) -> Plan:
     """Survey a log and choose what is read of it; `camera` replaces every calibration.
 
-    Raises UsageError for settings that make no sense or choose no one camera of the log. Raises InputError where the
-    log has no images, no calibration, no information on the camera's motion, or images that Exif turns.
+    Raises UsageError for settings that choose no one camera of the log. Raises InputError where the log has no images,
+    no calibration, no information on the camera's motion, or images that Exif turns.
     """
-    check_settings(settings)
     if camera is None and settings.calibration:
         camera = read_camera_file(Path(settings.calibration))
     return make_plan(survey_log(path, settings.camera), settings, camera)

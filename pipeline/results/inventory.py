@@ -60,11 +60,6 @@ class WrittenTables:
     """Of the road. None: not asked for."""
 
     @property
-    def us_probability(self) -> float | None:
-        """Probability that the signs are of the US system; None where there is no sign."""
-        return self.signs[0].us_probability if self.signs else None
-
-    @property
     def sign_rows(self) -> list[dict[str, Any]]:
         """The rows of `signs.parquet`."""
         return [sign_row(sign, self.log) for sign in self.signs]

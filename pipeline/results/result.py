@@ -101,6 +101,12 @@ def holds_table(file: Path, table: Table) -> bool:
     return f'"table": "{table.name}"'.encode() in about
 
 
+def read_times(out: Path) -> dict[int, int]:
+    """Log time of each frame of a result, nanoseconds."""
+    rows = read_rows(out, FRAMES, ["frame", "log_time_ns"])
+    return {row["frame"]: row["log_time_ns"] for row in rows}
+
+
 def find_sign(out: Path, signs: Sequence[dict[str, Any]], sign_id: str) -> dict[str, Any]:
     """The row of a sign. Raises UsageError for an unknown sign; its message names the nearest."""
     by_id = {row["sign_id"]: row for row in signs}

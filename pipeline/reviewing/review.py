@@ -5,14 +5,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from wayside.pipeline.results.result import read_rows
+from wayside.pipeline.results.result import read_rows, read_times
 from wayside.pipeline.reviewing.entries import ACCEPTED, EDITED, REJECTED, read_entries
 from wayside.pipeline.reviewing.known import KnownResult
 from wayside.pipeline.reviewing.matching import NO_REVIEW, Review, settled
 from wayside.pipeline.statistics import Interval, share_interval
 from wayside.schemas.errors import UsageError
 from wayside.schemas.labels import BACK, NOT_A_SIGN, SIGN, Label, LabelledImage, Labels
-from wayside.schemas.tables import FRAMES, OBSERVATIONS, SIGNS
+from wayside.schemas.tables import OBSERVATIONS, SIGNS
 
 FILES = ("review*.json", "review*.csv")
 """Reviews that lie in the folder of their result."""
@@ -47,8 +47,7 @@ def review_labels(out: Path, review: Review) -> Labels:
     Raises InputError if the folder is no result folder, or damaged.
     """
     signs = {row["sign_id"]: row for row in read_rows(out, SIGNS, ["sign_id", "log", "status"])}
-    frames = read_rows(out, FRAMES, ["frame", "log_time_ns"])
-    times_ns = {row["frame"]: row["log_time_ns"] for row in frames}
+    times_ns = read_times(out)
     labels = []
     for row in read_rows(out, OBSERVATIONS, ["sign_id", "frame", "box"], {"verdict": "sign"}):
         said = review.rows.get(row["sign_id"])

@@ -77,7 +77,7 @@ class _CompilationListener(event.Listener):
     """Counts nested compilations; numba compiles under one lock, so there is one at a time."""
 
     def __init__(self, notify: Callable[[bool], None]) -> None:
-        self._notify, self._depth, self._collects = notify, 0, False
+        self._notify, self._depth = notify, 0
         self.ahead: subprocess.Popen[bytes] | None = None
 
     def on_start(self, event: event.Event) -> None:
@@ -87,13 +87,11 @@ class _CompilationListener(event.Listener):
             command, unheard = [sys.executable, "-P", "-c", _AHEAD], subprocess.DEVNULL
             self.ahead = subprocess.Popen(command, stdout=unheard, stderr=unheard)
         if self._depth == 1:
-            self._collects = gc.isenabled()
             gc.disable()
             self._notify(True)
 
     def on_end(self, event: object) -> None:
         self._depth -= 1
         if self._depth == 0:
-            if self._collects:
-                gc.enable()
+            gc.enable()
             self._notify(False)

@@ -346,7 +346,7 @@ def _write_run(result: RunResult, asked: RunRequest, key: str | None, part: Path
         "world": drive.path.world,
         "camera_height_m": drive.path.camera_height_m,
         "calibration": result.lens and result.lens.about,
-        "us_probability": drive.us_probability,
+        "us_probability": drive.signs[0].us_probability if drive.signs else None,
         "notes": result.notes,
         "accounting": {
             "frames_read": sum(result.frames.values()),

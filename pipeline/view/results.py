@@ -12,12 +12,12 @@ from rerun.experimental import ViewerClient
 from wayside.pipeline.files.output_folder import RECORDING, finish_replacement
 from wayside.pipeline.files.pictures import is_marked, marked_png
 from wayside.pipeline.files.writing import sync, write_file
-from wayside.pipeline.results.result import find_sign, read_rows, read_run
+from wayside.pipeline.results.result import find_sign, read_rows, read_run, read_times
 from wayside.pipeline.view import viewer
 from wayside.pipeline.view.blueprint import drive_layout, sign_layout
 from wayside.pipeline.view.entities import APPLICATION, FRAME, LOG
 from wayside.schemas.errors import InputError, OutputError, UsageError
-from wayside.schemas.tables import FRAMES, SIGNS
+from wayside.schemas.tables import SIGNS
 
 IMPORTED = "log.rrd"
 """The log itself as a recording, next to the run's own, if that holds no images."""
@@ -71,8 +71,7 @@ def find_target(out: Path, sign_id: str | None, frame: int | None) -> Target:
         raise UsageError(
             "--sign and --frame are both given, but a sign has its own best frame. Leave one out."
         )
-    rows = read_rows(out, FRAMES, ["frame", "log_time_ns"])
-    times = {row["frame"]: row["log_time_ns"] for row in rows}
+    times = read_times(out)
     if sign_id is None:
         chosen = _richest(out, times) if frame is None else frame
         if chosen not in times:

@@ -30,15 +30,15 @@ FORMS = {
 @pytest.mark.parametrize("parse", UNDERSTOOD)
 def test_lengths_times_and_sizes_are_understood_with_their_units(parse):
     for text, value in UNDERSTOOD[parse].items():
-        assert parse(text) == pytest.approx(value, abs=1e-12), text
+        assert parse(text, "--option") == pytest.approx(value, abs=1e-12), text
 
 
 @pytest.mark.parametrize(("parse", "text"), [(p, text) for p in REFUSED for text in REFUSED[p]])
 def test_another_text_is_refused_with_the_forms_understood(parse, text):
-    with pytest.raises(UsageError, match=FORMS[parse]):
-        parse(text)
+    with pytest.raises(UsageError, match=f"^--option: .*({FORMS[parse]})"):
+        parse(text, "--option")
 
 
 @given(st.floats(0, 1e6))
 def test_metres_written_out_come_back(metres):
-    assert parse_length(f"{metres!r} m") == metres
+    assert parse_length(f"{metres!r} m", "--option") == metres

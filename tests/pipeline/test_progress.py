@@ -46,11 +46,10 @@ def test_the_bar_counts_images_looked_at_and_settled_and_ends_with_the_last_sett
         assert "120000 searched, 0 of 120000 done" in line
         assert line.startswith("rosbag2")
         assert len(line) <= 80
-        named = progress.description
-        for active, words in ((True, COMPILING), (False, named)):
-            progress.compiling(active)
-            assert progress.description == words
         task = progress._bar.tasks[0]
+        for active, words in ((True, COMPILING), (False, task.description)):
+            progress.compiling(active)
+            assert task.description == words
         assert task.percentage == 50
         assert task.time_remaining > 0
         run.counts.settled = 120_000

@@ -30,7 +30,7 @@ def test_visible_text_is_printable_and_printable_text_is_unchanged(text):
 
 def test_a_name_of_markup_and_commands_to_the_terminal_is_shown_as_text():
     with FrameProgress("[/bold]\x1b[2J.mcap", Run()) as progress:
-        assert "\x1b" not in progress.description
+        assert "\x1b" not in progress._bar.tasks[0].description
     numbers = ("station_m", "lateral_m", "up_m", "panel_width_m", "panel_height_m", "sigma_along_m")
     unknown = {"color": None, "shape": None, "confidence": 0.5}
     screen = io.StringIO()

@@ -22,7 +22,7 @@ from wayside.pipeline.files.output_folder import DONE, OutputFolder
 from wayside.pipeline.fleet.changes import find_changes, parse_survey, same_face
 from wayside.pipeline.fleet.changes_page import write_page
 from wayside.pipeline.fleet.folders import merge_settings_of
-from wayside.pipeline.fleet.inventory_data import cell_name, cells
+from wayside.pipeline.fleet.inventory_data import cells
 from wayside.pipeline.fleet.manifest import Entry, Manifest, State, write_manifest
 from wayside.pipeline.fleet.merging import MergeReport, merge_inventory
 from wayside.pipeline.fleet.merging_rows import agreed_code
@@ -259,7 +259,6 @@ def test_cells_are_those_of_mercantile():
     for (x, y), (lon, lat, _) in zip(cells(points, 14).tolist(), points, strict=True):
         tile = mercantile.tile(lon, lat, 14)
         assert (x, y) == (tile.x, tile.y)
-        assert cell_name(x, y, 14) == mercantile.quadkey(tile)
 
 
 def test_a_drive_without_fixes_is_told_and_its_signs_are_counted(surveyed, copied):
