@@ -23,7 +23,7 @@ from wayside.pipeline.evidence.marks import (
     figures_of,
     route_words,
 )
-from wayside.pipeline.files.pictures import encode_png, webp_address
+from wayside.pipeline.files.pictures import encoded, webp_address
 from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.pages import render, render_page
 from wayside.schemas.detections import COLORS, SHAPES
@@ -49,6 +49,7 @@ LEFT, TOP = 48, 150
 """Of the large image on the sheet, pixels."""
 _BELOW_BIG, _TERM, _BELOW_TERMS, _BELOW_MAPS = 106, 26, 70, 60
 _BESIDE_TILE, _BELOW_TILE = 26, 48
+_PNG_LEVEL = 1
 Crops = Mapping[SignView, Crop]
 """Cut-outs of `PROPORTION`; a view without one is left empty and labelled so."""
 
@@ -115,7 +116,7 @@ def draw_sheet(
     rgb = np.asarray(cv2.imdecode(np.frombuffer(drawn, np.uint8), cv2.IMREAD_COLOR_RGB), np.uint8)
     for x, y, image in images:
         rgb[y : y + image.shape[0], x : x + image.shape[1]] = image
-    return encode_png(rgb)
+    return encoded(rgb, ".png", cv2.IMWRITE_PNG_COMPRESSION, _PNG_LEVEL)
 
 
 def _values(

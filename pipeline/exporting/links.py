@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from wayside.pipeline.evidence.crops import draw_crop, read_crops
 from wayside.pipeline.exporting.table import Row, Source
-from wayside.pipeline.files.pictures import encode_jpeg
+from wayside.pipeline.files.pictures import encoded
 from wayside.pipeline.fleet.manifest import DRIVES
 from wayside.pipeline.results.result import read_rows
 from wayside.schemas.labels import Box
@@ -48,7 +48,7 @@ def linked(source: Source, file: Path, *, pictures: bool, log: Path | None) -> S
                 boxes: list[tuple[_Key, int, Box]] = [(k, *known[k[1]]["seen"]) for k in own]
                 for key, crop in read_crops(drive, log, boxes, _SIZE[0] / _SIZE[1]):
                     if crop is not None:
-                        shown[key] = encode_jpeg(draw_crop(crop, _SIZE))
+                        shown[key] = encoded(draw_crop(crop, _SIZE), ".jpg")
             yield [
                 row | links(key[0], file.parent).get(key[1], {}) | {PICTURE: shown.get(key)}
                 for row, key in zip(rows, of, strict=True)

@@ -15,7 +15,6 @@ QUALITY = 75
 """Of small images that people look at; above 100 is lossless."""
 BLUR_CELLS = 40
 """Cells that a blurred image is averaged to along its width: a face or number plate across the street is one or two."""
-_FAST = 1
 _HEADER_BYTES = 33
 """Signature and image header of a PNG; text may follow."""
 
@@ -32,22 +31,15 @@ def blurred(rgb: NDArray[np.uint8], kept: Iterable[Sequence[float]]) -> NDArray[
     return hidden
 
 
+def encoded(rgb: NDArray[np.uint8], kind: str, *flags: int) -> bytes:
+    """An image (h, w, 3) as a file of a kind such as `.jpg`; `flags`: those of `cv2.imwrite`."""
+    return cv2.imencode(kind, cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), flags)[1].tobytes()
+
+
 def webp_address(rgb: NDArray[np.uint8], quality: int = QUALITY) -> str:
     """An image (h, w, 3) as WebP in the address of an image in a page."""
-    bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
-    content = cv2.imencode(".webp", bgr, (cv2.IMWRITE_WEBP_QUALITY, quality))[1].tobytes()
+    content = encoded(rgb, ".webp", cv2.IMWRITE_WEBP_QUALITY, quality)
     return f"data:image/webp;base64,{base64.b64encode(content).decode()}"
-
-
-def encode_jpeg(rgb: NDArray[np.uint8]) -> bytes:
-    """An image (h, w, 3) as JPEG, which every program shows."""
-    return cv2.imencode(".jpg", cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR))[1].tobytes()
-
-
-def encode_png(rgb: NDArray[np.uint8]) -> bytes:
-    """An image (h, w, 3) as PNG, compressed a little."""
-    bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
-    return cv2.imencode(".png", bgr, (cv2.IMWRITE_PNG_COMPRESSION, _FAST))[1].tobytes()
 
 
 def marked_png(png: bytes, mark: str) -> bytes:
