@@ -61,6 +61,20 @@ def command(monkeypatch, capsys):
     return call
 
 
+@pytest.fixture(scope="session")
+def python():
+    """Runs a program with these words and variables in a process of its own, which ends with this status."""
+
+    def run(code, *words, status=0, cwd=None, **more):
+        how = {"cwd": cwd, "env": os.environ | more, "capture_output": True, "text": True}
+        line = [sys.executable, "-c", code, *map(str, words)]
+        done = subprocess.run(line, timeout=300, check=False, **how)
+        assert done.returncode == status, done.stderr
+        return done
+
+    return run
+
+
 @contextmanager
 def small_disk(folder, kilobytes):
     """A file system of its own; skips where none may be mounted."""

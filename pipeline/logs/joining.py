@@ -16,7 +16,7 @@ from wayside.pipeline.reading.messages import ROS_TYPES
 from wayside.pipeline.reading.parts import bag_parts, is_bag, is_mcap
 from wayside.pipeline.reading.records import Attachment, Metadata, ScanReport, scan
 from wayside.pipeline.results.result import log_fingerprint
-from wayside.schemas.errors import InputError, OutputError, UsageError
+from wayside.schemas.errors import InputError, OutputError
 
 _BAG_VERSION = 9
 _LAYOUT = "1"
@@ -38,11 +38,9 @@ def join_logs(paths: list[Path], out: Path, *, overwrite: bool = False) -> Joine
     `paths`: MCAP files, ROS 2 bag directories (`metadata.yaml` with MCAP or SQLite parts, split or compressed), ROS 1
     bags. All messages of MCAP files are kept as they are, with metadata and attachments. Of other bags the message
     types that are understood are kept; those of ROS 1 become their ROS 2 counterparts (cdr). `overwrite`: replace a
-    file of that name that is not this very log. Raises UsageError where there is no path, InputError where a part
-    cannot be read or holds no message, and OutputError.
+    file of that name that is not this very log. Raises InputError where a part cannot be read or holds no message, and
+    OutputError.
     """
-    if not paths:
-        raise UsageError("no parts to join are given. Give MCAP files or ROS bags.")
     beside = out.parent if out.parent.is_dir() else None  # it has room for the result
     parts: list[Path] = []
     lost: list[str] = []

@@ -1,9 +1,6 @@
 """The command line as it explains itself: help, completion, statuses; and without Rerun."""
 
-import os
 import re
-import subprocess
-import sys
 
 import pytest
 from typer.main import get_command
@@ -52,18 +49,13 @@ def test_debug_may_stand_anywhere(place, command):
     assert "none.mcap: the log cannot be read" in done.stderr
 
 
-def python(code, *words, **env):
-    how = {"env": os.environ | env, "capture_output": True, "text": True, "timeout": 300}
-    return subprocess.run([sys.executable, "-c", code, *words], **how, check=False)
-
-
-def test_a_shell_completes_commands():
+def test_a_shell_completes_commands(python):
     code = "import sys; sys.argv[0] = 'wayside'; from wayside.pipeline.cli import main; main()"
     asked = {"_WAYSIDE_COMPLETE": "complete_bash", "COMP_WORDS": "wayside ev", "COMP_CWORD": "1"}
     assert sorted(python(code, **asked).stdout.split()) == ["evaluate", "evidence"]
 
 
-def test_arrays_of_arrow_load_no_pandas():
+def test_arrays_of_arrow_load_no_pandas(python):
     code = (
         "import sys; from wayside.pipeline.cli import main\n"
         "try: main()\n"
@@ -74,7 +66,7 @@ def test_arrays_of_arrow_load_no_pandas():
     assert "pandas" not in loaded
 
 
-def test_without_rerun_everything_but_the_viewer_is_there(tmp_path):
+def test_without_rerun_everything_but_the_viewer_is_there(python, tmp_path):
     code = (
         "import sys; sys.modules['rerun'] = None\n"
         "import wayside.pipeline.running.run, wayside.pipeline.cli.summary, wayside.pipeline.evidence.write\n"
@@ -89,7 +81,7 @@ def test_without_rerun_everything_but_the_viewer_is_there(tmp_path):
         "roc = ('roc', 'drive.mcap', '--truth', 'drive.truth.json', '-o', sys.argv[1])\n"
         "print(status('view', sys.argv[1]), status(*roc))"
     )
-    done = python(code, str(tmp_path))
+    done = python(code, tmp_path)
     assert done.stdout.split() == ["2", "2"], done.stderr
     assert done.stderr.count("pip install 'rerun-sdk") == 2
     assert "Traceback" not in done.stderr

@@ -3,11 +3,10 @@ from pathlib import Path
 
 import pytest
 
-from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.models import detector_file
 from wayside.pipeline.models.detector_file import FLOAT32, load_detector
 from wayside.pipeline.models.model_folder import shipped_models
-from wayside.schemas.errors import InputError, UsageError
+from wayside.schemas.errors import InputError
 from wayside.schemas.settings import ModelSettings
 from wayside.stages.classifiers import NetworkInput, OnnxNetwork
 
@@ -72,16 +71,3 @@ def test_what_wayside_does_not_make_or_cannot_run_is_refused(monkeypatch, change
     said = refused(YOLO)
     assert words in said
     assert ("output7" in said) == ("outputs" in changes)
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"models.detector": "a.onnx", "models.detections": "b.parquet"}, "Give one"),
-        ({"models.classes": "a.toml"}, "give --detector or --detections"),
-        ({"models.detector": "a.onnx", "report.on": True}, "preset default"),
-    ],
-)
-def test_options_that_exclude_each_other_are_refused(options, words):
-    with pytest.raises(UsageError, match=words):
-        load_settings("default", None, [], options)

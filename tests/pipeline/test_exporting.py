@@ -6,7 +6,6 @@ import io
 import itertools
 import shutil
 import sqlite3
-import subprocess
 import sys
 from functools import partial
 from zipfile import ZipFile
@@ -285,16 +284,16 @@ TOO_FEW = {"csv": 256, "geojson": 512, "gpkg": 4096, "shp": 1024, "kml": 1024}
 
 
 @pytest.mark.parametrize("end", TOO_FEW)
-def test_a_file_that_finds_no_room_is_not_written_and_the_earlier_one_stays(out, tmp_path, end):
+def test_a_file_that_finds_no_room_is_not_written_and_the_earlier_one_stays(
+    out, tmp_path, python, end
+):
     file = tmp_path / f"signs.{end}"
     file.write_bytes(b"earlier")
     code = (
         "import resource, sys; from wayside.pipeline.cli import main; "
         f"resource.setrlimit(resource.RLIMIT_FSIZE, ({TOO_FEW[end]},) * 2); main()"
     )
-    line = [sys.executable, "-c", code, "export", str(out), "-o", str(file), "--overwrite"]
-    done = subprocess.run(line, capture_output=True, text=True, check=False)
-    assert done.returncode == 5, done.stderr
+    done = python(code, "export", out, "-o", file, "--overwrite", status=5)
     assert str(file) in done.stderr
     assert "Traceback" not in done.stderr
     left = {path.name: path.read_bytes() for path in tmp_path.glob("*signs*")}

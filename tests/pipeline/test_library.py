@@ -6,8 +6,6 @@ import io
 import json
 import os
 import re
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
@@ -161,7 +159,6 @@ def test_what_excludes_each_other_is_refused(tmp_path):
         wayside.open_inventory(tmp_path)
 
 
-def test_importing_wayside_loads_nothing_heavy():
+def test_importing_wayside_loads_nothing_heavy(python):
     code = "import sys, wayside; print({'cv2', 'numba', 'pyarrow', 'rerun'} & set(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "set()"
+    assert python(code).stdout.strip() == "set()"

@@ -92,6 +92,7 @@ def test_assignments_and_options_take_the_type_of_the_setting(name, text, value)
         ("segment.clusters=257", "2 to 256"),
         ("segment.clusters=8.5", "a whole number"),
         ("read.every=0", "at least 1"),
+        ("read.from_s=-1", "at least 0"),
         ("locate.confidence=nan", "0 to 1"),
         ("read.thin_m=inf", "at least 0"),
         ("read.thin_m=3 furlongs", "(m)"),
@@ -101,11 +102,14 @@ def test_assignments_and_options_take_the_type_of_the_setting(name, text, value)
         ("track.fewest_views=15", "no sign could be reported"),
         ("motion.antenna_ahead_m=-400ft", "must be a number"),
         ("report.shape=true", "report-2d"),
+        ("models.detector=a.onnx, models.detections=b.parquet", "Give one"),
+        ("models.classes=a.toml", "give --detector or --detections"),
+        ("models.detector=a.onnx, report.on=true", "preset default"),
     ],
 )
 def test_what_cannot_be_meant_is_refused_with_what_was_wanted(text, words):
     with pytest.raises(UsageError) as refusal:
-        load_settings(assignments=[text])
+        load_settings(assignments=text.split(", "))
     assert words in str(refusal.value)
     assert len(str(refusal.value).splitlines()) <= 3
 

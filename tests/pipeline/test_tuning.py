@@ -2,26 +2,20 @@
 
 import gc
 import json
-import os
-import subprocess
-import sys
 
 from numba import njit
 
 from wayside.pipeline.running.compilation import watched_compilation
 
 
-def test_linear_algebra_runs_in_one_thread_whatever_the_machine():
+def test_linear_algebra_runs_in_one_thread_whatever_the_machine(python):
     program = """
 from threadpoolctl import threadpool_info
 from wayside.pipeline.running.tuning import tune_process
 tune_process()
 print([pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"])
 """
-    threads = os.environ | {"OPENBLAS_NUM_THREADS": "4", "OMP_NUM_THREADS": "4"}
-    done = subprocess.run(
-        [sys.executable, "-c", program], env=threads, capture_output=True, text=True, check=True
-    )
+    done = python(program, OPENBLAS_NUM_THREADS="4", OMP_NUM_THREADS="4")
     assert set(json.loads(done.stdout)) == {1}
 
 

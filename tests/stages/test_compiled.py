@@ -1,8 +1,5 @@
 """Kernels compile wherever they are installed."""
 
-import os
-import subprocess
-import sys
 import threading
 from pathlib import Path
 
@@ -53,13 +50,11 @@ print(doubled({name}(4.0)))
 """
 
 
-def test_a_kernel_compiled_by_an_earlier_version_of_the_code_is_compiled_again(tmp_path):
-    code, kept = tmp_path / "version.py", os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+def test_a_kernel_compiled_by_an_earlier_version_of_the_code_is_compiled_again(python, tmp_path):
+    code, kept = tmp_path / "version.py", {"NUMBA_CACHE_DIR": str(tmp_path / "kept")}
     for name in ("Before", "After"):
         code.write_text(VERSION.format(name=name))
-        command = [sys.executable, "-c", "import version"]
-        done = subprocess.run(command, cwd=tmp_path, env=kept, capture_output=True, text=True)
-        assert done.stdout == "8.0\n", done.stderr
+        assert python("import version", cwd=tmp_path, **kept).stdout == "8.0\n"
 
 
 CALLED = """
@@ -78,10 +73,9 @@ for name, module in sorted(sys.modules.items()):
 
 
 @pytest.mark.slow
-def test_the_kernels_of_a_run_are_those_that_another_process_compiles_ahead(tmp_path):
+def test_the_kernels_of_a_run_are_those_that_another_process_compiles_ahead(python, tmp_path):
     for _ in range(2):  # at first kernels that only others call are compiled, too
-        command = [sys.executable, "-c", CALLED, RECORDINGS / "demo.mcap", tmp_path]
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
+        done = python(CALLED, RECORDINGS / "demo.mcap", tmp_path)
     called = set(done.stdout.partition("called:\n")[2].splitlines())
     ahead = {f"{one.__module__} {one.__name__} {types}" for one, types in compiled_ahead()}
     assert called <= ahead
@@ -89,7 +83,7 @@ def test_the_kernels_of_a_run_are_those_that_another_process_compiles_ahead(tmp_
 
 
 @pytest.mark.slow
-def test_another_process_compiles_from_the_last_kernel_on(tmp_path):
+def test_another_process_compiles_from_the_last_kernel_on(python, tmp_path):
     program = """
 import sys, time
 from pathlib import Path
@@ -103,6 +97,4 @@ with watched_compilation(lambda active: None):
 """
     last, _ = compiled_ahead()[-1]
     name = f"{last.__module__.rpartition('.')[2]}.{last.__name__}"
-    command = [sys.executable, "-c", program, tmp_path, name]
-    kept = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    subprocess.run(command, env=kept, check=True, timeout=60)
+    python(program, tmp_path, name, NUMBA_CACHE_DIR=str(tmp_path))

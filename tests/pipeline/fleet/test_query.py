@@ -6,14 +6,13 @@ import json
 import re
 import shutil
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from typer.testing import CliRunner
 
-from wayside.pipeline.cli import app
 from wayside.pipeline.fleet.manifest import Entry, Manifest, write_manifest
 from wayside.schemas.errors import InputError, UsageError
 
@@ -161,19 +160,17 @@ def test_what_is_not_there_is_told(inventory, tmp_path):
         first_rows(tmp_path / "none", "FROM panels", 1)
 
 
-def test_the_command_prints_a_table_and_keeps_files_of_the_user(inventory):
-    def run(*arguments):
-        return CliRunner().invoke(app, ["query", str(inventory), *arguments])
-
+def test_the_command_prints_a_table_and_keeps_files_of_the_user(command, inventory):
+    run = partial(command, "query", inventory)
     many = run("SELECT range AS number FROM range(41)").stdout
     assert "number" in many.splitlines()[0]
     assert "... and more" in many
     assert run("SELECT drive FROM signs ORDER BY 1", "-f", "csv").stdout == "drive\none\ntwo\n"
     file = inventory / "answer.csv"
-    assert run("SELECT 1 AS a", "-o", str(file)).exit_code == 0
-    assert run("SELECT 2 AS a", "-o", str(file)).exit_code != 0
+    assert run("SELECT 1 AS a", "-o", file).returncode == 0
+    assert run("SELECT 2 AS a", "-o", file).returncode != 0
     assert file.read_text() == "a\n1\n"
-    assert run("SELECT 2 AS a", "-o", str(file.with_suffix(".xls"))).exit_code != 0
+    assert run("SELECT 2 AS a", "-o", file.with_suffix(".xls")).returncode != 0
 
 
 def test_an_answer_as_csv_holds_no_formula(inventory):

@@ -4,8 +4,6 @@ import os
 import re
 import signal
 import socket
-import subprocess
-import sys
 import threading
 import time
 import urllib.request
@@ -197,12 +195,10 @@ def test_what_rerun_cannot_import_is_refused(tmp_path):
         import_log(tmp_path / "log.mcap", "demo", tmp_path / "log.rrd")
 
 
-def test_a_result_is_served_to_browsers_on_loopback(result):
-    code = "from wayside.pipeline.cli import main; main()"
+def test_a_result_is_served_to_browsers_on_loopback(python, result):
     (port,) = viewer._free_ports(0)
-    asked = ["view", str(result), "--serve", "--port", str(port), "--sign", "demo-0001"]
-    line = [sys.executable, "-c", code, *asked]
-    done = subprocess.run(line, check=True, capture_output=True, text=True)
+    asked = ["view", result, "--serve", "--port", port, "--sign", "demo-0001"]
+    done = python("from wayside.pipeline.cli import main; main()", *asked)
     address, pid = re.search(
         rf"(http://127\.0\.0\.1:{port}/)\S*; to close it: kill (\d+)", done.stderr
     ).groups()

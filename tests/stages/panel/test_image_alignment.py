@@ -1,6 +1,3 @@
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import cv2
@@ -95,7 +92,7 @@ def test_a_view_is_drawn_as_the_template_sees_it():
 
 
 @pytest.mark.slow
-def test_the_process_that_compiles_finds_the_same_bits_as_those_that_load_kernels(tmp_path):
+def test_the_process_that_compiles_finds_the_same_bits_as_those_that_load_kernels(python, tmp_path):
     program = """
 import numpy as np
 from test_image_alignment import align, middle_weight, moved, scene
@@ -105,15 +102,6 @@ for seed in range(9):
     print(*(float(value).hex() for value in (*found.shift, *found.stretch, found.zncc)))
 """
     folders = {"NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(Path(__file__).parent)}
-    first, second = (
-        subprocess.run(
-            [sys.executable, "-c", program],
-            env=os.environ | folders,
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        for _ in range(2)
-    )
+    first, second = (python(program, **folders).stdout for _ in range(2))
     assert first.count("0x") == 45
     assert first == second
