@@ -3,7 +3,6 @@
 from array import array
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import cv2
 import numpy as np
@@ -76,7 +75,7 @@ def _classified(
     """The mean over the views of the log probability of each class; views of one face err together."""
     if landmark.back or measured is None or measured.face is None:
         return landmark
-    patches = np.stack(_face_patches(measured, measured.face)[:FACE_VIEWS])
+    patches = np.stack(_face_patches(measured, measured.face))
     mean = np.maximum(model.log_probabilities(patches), LEAST_LOG_PROBABILITY).mean(axis=0)
     landmark = replace(landmark, face_log_probability=array("d", mean - np.logaddexp.reduce(mean)))
     if landmark.color == "blue" and is_black(patches):  # the networks know no black
@@ -94,10 +93,10 @@ def is_black(patches: NDArray[np.uint8]) -> bool:
 
 
 def _face_patches(measured: Measurement, face: NDArray[np.float64]) -> list[NDArray[np.uint8]]:
-    """The face, a box (4,) in samples of the template, in each registered view, the template first."""
+    """The face, a box (4,) in samples of the template, in the nearest registered views."""
     box = face.reshape(2, 2)
     patches = []
-    for view in measured.views:
+    for view in measured.views[:FACE_VIEWS]:
         middle = (np.array(view.rgb.shape[1::-1]) - 1) / 2
         lies = view.alignment
         there = middle + lies.shift + lies.stretch * (box - middle)
@@ -106,7 +105,7 @@ def _face_patches(measured: Measurement, face: NDArray[np.float64]) -> list[NDAr
     return patches
 
 
-def face_patch(rgb: NDArray[Any], box: NDArray[np.float64]) -> NDArray[np.uint8]:
+def face_patch(rgb: NDArray[np.uint8], box: NDArray[np.float64]) -> NDArray[np.uint8]:
     """The face in a box [x0, y0, x1, y1] of an image (h, w, 3) with its margin, resampled: (32, 32, 3).
 
     What lies beyond the image is its edge repeated; a box without area is one pixel.
@@ -114,8 +113,7 @@ def face_patch(rgb: NDArray[Any], box: NDArray[np.float64]) -> NDArray[np.uint8]
     size = np.maximum(box[2:] - box[:2], 1.0)
     low = np.floor(box[:2] - PATCH_MARGIN * size).astype(int)
     high = np.maximum(np.ceil(box[2:] + PATCH_MARGIN * size).astype(int), low + 1)
-    rows, columns = (np.clip(np.arange(low[k], high[k]), 0, rgb.shape[1 - k] - 1) for k in (1, 0))
-    part = np.clip(rgb[np.ix_(rows, columns)], 0, 255).astype(np.uint8)
+    part = cv2.getRectSubPix(rgb, (high - low).tolist(), ((low + high - 1) / 2).tolist())
     shrinks = min(part.shape[:2]) > PATCH_SIDE
     how = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(part, (PATCH_SIDE, PATCH_SIDE), interpolation=how), np.uint8)
@@ -123,10 +121,11 @@ def face_patch(rgb: NDArray[Any], box: NDArray[np.float64]) -> NDArray[np.uint8]
 
 def face_samples(patches: NDArray[np.uint8]) -> NDArray[np.float32]:
     """Patches (n, 32, 32, 3) as samples (n, 3, 32, 32): brightness of mean 0 and scatter 1, log R/G, log B/G."""
-    logarithm = np.log(patches.astype(np.float32) + np.float32(_DARK_LEVEL))
-    bright = logarithm.mean(axis=-1)
+    planes = np.ascontiguousarray(np.moveaxis(patches, -1, 1), np.float32)
+    logarithm = np.log(planes + np.float32(_DARK_LEVEL))
+    bright = logarithm.mean(axis=1)
     middle = bright.mean(axis=(1, 2), keepdims=True)
     scatter = bright.std(axis=(1, 2), keepdims=True)
     bright = (bright - middle) / (scatter + np.float32(_FLAT))
-    red, green, blue = (logarithm[..., k] for k in range(3))
+    red, green, blue = (logarithm[:, k] for k in range(3))
     return np.stack([bright, red - green, blue - green], axis=1)
