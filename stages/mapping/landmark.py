@@ -80,16 +80,14 @@ def point_covariance(
     information = np.einsum("v,vki,vkj->ij", weight, jacobian, jacobian)
     gain = np.linalg.inv(information) @ (weight[:, None, None] * jacobian.transpose(0, 2, 1))
     covariance: NDArray[np.float64] = np.einsum("v,vik,vjk->ij", ray_sigma**2, gain, gain)
-    low, high = min(int(views.min()), best), max(int(views.max()), best)
-    for step in range(low + 1, high + 1):
-        beyond = views < step if step <= best else views >= step
-        if not beyond.any():
-            continue
-        before = rotations[step - 1]
-        lever_arm = (point - centres[step]) @ before
-        by_step = before @ np.concatenate([-cross_matrices(lever_arm), np.eye(3)], axis=1)
-        effect = np.einsum("vik,vkj->ij", gain[beyond], jacobian[beyond]) @ by_step
-        covariance += effect @ steps[step] @ effect.T
+    # each step between the views and `best`, all at once
+    step = np.arange(min(int(views.min()), best) + 1, max(int(views.max()), best) + 1)
+    beyond = np.where(step[:, None] <= best, views < step[:, None], views >= step[:, None])
+    before = rotations[step - 1]
+    lever_arm = ((point - centres[step])[:, None] @ before)[:, 0]
+    by_step = before @ np.concatenate([-cross_matrices(lever_arm), 0 * before + np.eye(3)], axis=2)
+    effect = np.tensordot(beyond, gain @ jacobian, 1) @ by_step
+    covariance += (effect @ steps[step] @ effect.transpose(0, 2, 1)).sum(axis=0)
     return (covariance + covariance.T) / 2
 
 
