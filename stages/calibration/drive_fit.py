@@ -40,10 +40,8 @@ DISTORTION_SIGMA = 0.3
 """Scatter of k1 and k2 beforehand, for lenses of 50 to 90 degrees."""
 ITERATIONS = 15
 """Steps of the lens at most."""
-START_ITERATIONS = 4
-"""Steps of poses and points at the start, before the lens is free, at most."""
-INNER_ITERATIONS = 2
-"""The same after each step of the lens: points and poses follow it along a curved valley of the cost."""
+START_ITERATIONS, INNER_ITERATIONS = 2, 2
+"""Steps of poses and points, at most, at the start and after each step of the lens, whose curved valley they follow."""
 START_DAMPING, LENS_DAMPING = 1e-3, 1e-9
 """Of poses and points alone, and with the lens: more would hold principal point and pitch, nearly one direction."""
 GAIN = 2.0
@@ -179,7 +177,7 @@ class _Problem:
 class _Estimate:
     """Change of the lens (5,), and the segments with their poses and points.
 
-    Where the cost was evaluated last: what their images show, and the `lengths` of the residuals of ties.
+    What their images show, once the cost was evaluated, and there the `lengths` of the residuals of ties.
     """
 
     lens: Array
@@ -229,8 +227,9 @@ def _fitted(problem: _Problem, start: _Estimate, iterations: int) -> _Estimate:
 
 
 def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
-    here = changed_camera(problem.camera, estimate.lens)
-    estimate.seen = [project_segment(one, here) for one in estimate.segments]
+    if not estimate.seen:
+        here = changed_camera(problem.camera, estimate.lens)
+        estimate.seen = [project_segment(one, here) for one in estimate.segments]
     parts = zip(estimate.segments, estimate.seen, strict=True)
     costs, estimate.lengths = zip(*(evaluate(*part, problem.factor) for part in parts), strict=True)
     return float(sum(costs) + estimate.lens @ problem.known @ estimate.lens)
@@ -251,10 +250,11 @@ def _solve(problem: _Problem, estimate: _Estimate, damping: float, trial: _Estim
         step = np.asarray(np.linalg.solve(damped, right), np.float64)
     trial.lens = estimate.lens + step
     parts = zip(estimate.segments, problem.equations, solved, strict=True)
-    trial.segments = [updated(*part, step) for part in parts]
+    trial.segments, trial.seen = [updated(*part, step) for part in parts], ()
     if problem.free:
         held = replace(problem, free=False)
-        trial.segments = _fitted(held, replace(trial), INNER_ITERATIONS).segments
+        fitted = _fitted(held, replace(trial), INNER_ITERATIONS)
+        trial.segments, trial.seen = fitted.segments, fitted.seen
     return True
 
 

@@ -172,6 +172,7 @@ def linearise(segment: Segment, seen: Projection, factor: float) -> Equations:
     weights = np.concatenate([np.full(points, 1 / ANCHOR_SIGMA_PX), weight])
     errors = np.concatenate([anchors, residual])
     _accumulate(s.frame, s.track, late, s.warp, errors, weights, found)
+    found.matrix[:] += np.tril(found.matrix, -1).T + np.triu(found.matrix, 1).T
     _add_priors(s, found.matrix, found.right)
     return found
 
@@ -276,7 +277,7 @@ def _add_row(
     for i in range(17):
         x, y, at = row[0, i], row[1, i], column[i]
         found.right[at] -= x * u + y * v
-        for j in range(17):
+        for j in range(i + 1):
             found.matrix[at, column[j]] += x * row[0, j] + y * row[1, j]
         for j in range(3):
             found.cross[track, j, at] += x * row[0, 17 + j] + y * row[1, 17 + j]
