@@ -51,9 +51,12 @@ def _gradients(view: NDArray[np.float32], gradient: NDArray[np.float32]) -> None
             along[k] = half * (view[i + 1, k] - view[i - 1, k])
             square[k] = across[k] * across[k] + along[k] * along[k]
         for j in range(1, gradient.shape[1] - 1):
-            k = 3 * j + 1 if square[3 * j + 1] > square[3 * j] else 3 * j
-            k = 3 * j + 2 if square[3 * j + 2] > square[k] else k
-            gradient[i, j, 0], gradient[i, j, 1] = across[k], along[k]
+            right, down, most = across[3 * j], along[3 * j], square[3 * j]
+            for k in (3 * j + 1, 3 * j + 2):
+                more = square[k] > most
+                right, down = across[k] if more else right, along[k] if more else down
+                most = square[k] if more else most
+            gradient[i, j, 0], gradient[i, j, 1] = right, down
 
 
 @compiled
@@ -65,11 +68,13 @@ def edge_profiles(
     Segments that leave the views have strength 0.
     """
     profiles = np.empty((len(segments.normal), round((high - low) / step) + 1))
-    # Over the offsets innermost, without a branch: the compiler computes several at a time.
+    # Over the offsets innermost, without a branch: the compiler computes several at a time. It loads single numbers, so
+    # gradients are gathered first, both components as one number.
     (views, rows, columns), (begin, end, normal, _) = gradients.shape[:3], segments
-    size, pixels, level = profiles.shape[1], gradients.reshape(views, -1), EDGE_LEVEL * EDGE_LEVEL
+    size, pixels, level = profiles.shape[1], gradients.view(np.float64), EDGE_LEVEL * EDGE_LEVEL
     at, (across, along, inside, total) = np.empty(size, np.uint32), np.empty((4, size), np.float32)
-    one, two, row = np.uint32(1), np.uint32(2), np.uint32(2 * columns)
+    one, row, near = np.uint32(1), np.uint32(columns), np.empty((4, size))
+    taps = near.view(np.float32)
     for k in range(profiles.shape[0]):
         right, down = np.float32(normal[k, 0]), np.float32(normal[k, 1])
         total[:] = profiles[k] = 0
@@ -85,15 +90,18 @@ def edge_profiles(
                 profiles[k, m] += within
                 # numbers with a sign would cost a test each
                 i, j = np.uint32(v if within else 1.0), np.uint32(u if within else 1.0)
-                at[m], across[m], along[m] = row * i + two * j, u - j, v - i
-            for g in pixels:
+                at[m], across[m], along[m] = row * i + j, u - j, v - i
+            for g in pixels.reshape(views, -1):
                 for m in range(size):
                     i = at[m]
-                    above = right * g[i] + down * g[i + one]
-                    above += across[m] * (right * g[i + two] + down * g[i + two + one] - above)
-                    i += row
-                    below = right * g[i] + down * g[i + one]
-                    below += across[m] * (right * g[i + two] + down * g[i + two + one] - below)
+                    near[0, m], near[1, m] = g[i], g[i + one]
+                    near[2, m], near[3, m] = g[i + row], g[i + row + one]
+                for m in range(size):
+                    n = 2 * m
+                    above = right * taps[0, n] + down * taps[0, n + 1]
+                    above += across[m] * (right * taps[1, n] + down * taps[1, n + 1] - above)
+                    below = right * taps[2, n] + down * taps[2, n + 1]
+                    below += across[m] * (right * taps[3, n] + down * taps[3, n + 1] - below)
                     square = (above + along[m] * (below - above)) ** 2
                     total[m] += inside[m] * square / (square + np.float32(level))
         for m in range(size):
