@@ -38,8 +38,9 @@ from wayside.stages.panel.outline_shapes import (
 
 COARSE, FINE = (0.12, 0.28, TRIAL_STEP), (0.0, 0.0, OFFSET_STEP)
 """The strongest outline lies within the box or outside it by such fractions of the smaller side at most, and step."""
-MOST_NEAR, MOST_INNER = 4, 2
-"""Shapes whose strongest outline is sought once more near by, and those round which candidates are sought."""
+MOST_NEAR, MOST_INNER = (4, 0.7), (2, 0.8)
+"""Shapes whose strongest outline is sought once more near by, and those round which candidates are sought: so many, no
+weaker than this part of the strongest. The outline chosen was never one of a weaker shape (of 184 panels)."""
 SIDE_ROUNDS, SIDE_SEARCH = 2, 4.0
 """Rounds of aligning the profiles of the sides, and range of the shift that aligns them."""
 SIDE_PENALTY = 0.01
@@ -48,8 +49,6 @@ FIT_ITERATIONS = 4
 """Weights of a fit of sides and rotation are computed so many times."""
 SIDE_SIGMA = 1.0
 """Scatter of a side about its start (prior)."""
-RIVAL_SIGMAS = 4.0
-"""Edges within so many standard deviations of a side, either way, are its rivals."""
 ROTATION_SIGMA = float(np.radians(1.5))
 """Scatter of the rotation in the plane, rad (prior)."""
 ASPECT_SIGMA = 0.03
@@ -57,7 +56,8 @@ ASPECT_SIGMA = 0.03
 EDGE_SIGMA, EDGE_CAUCHY = 0.35, 0.5
 """Scatter of the edge of one segment, and scale of the Cauchy weight of its residual."""
 FLANK, SHARP_FLANK = 4.0, 1.7
-"""Range in which the outer flank of the edge is measured; width of a plain edge to half of its height."""
+"""Range about a side in which the outer flank of its edge is measured, and which its rivals lie in; width of a plain
+edge to half of its height."""
 RIM_FRACTION = 0.7
 """Fraction of the remaining width that is rim."""
 MOST_RIM_INWARD, MOST_RIM_OUTWARD = 0.7, 1.4
@@ -141,12 +141,11 @@ def fit_face_outline(
     probability = np.exp(value - value[best])
     probability /= probability.sum()
     chosen = candidates[best]
-    sharp = gradients[:SHARP_VIEWS]
-    fine = chosen._replace(box=chosen.box + rim_correction(sharp, chosen))
+    rim, variances = settle_sides(gradients[:SHARP_VIEWS], chosen)
     rivals = np.array([candidate.box for candidate in candidates]) - chosen.box
-    covariance = (rivals.T * probability) @ rivals
-    covariance += np.diag(side_variances(sharp, fine))
-    return FaceOutline(chosen.shape, fine.box, fine.rotation, chosen.strength, covariance)
+    covariance = (rivals.T * probability) @ rivals + np.diag(variances)
+    box = chosen.box + rim
+    return FaceOutline(chosen.shape, box, chosen.rotation, chosen.strength, covariance)
 
 
 def outline_candidates(
@@ -203,16 +202,17 @@ def strongest_outlines(gradients: Gradients, box: Array) -> list[Outline]:
         outer, strength = strongest_outline(gradients, TEMPLATES[shape], box, *COARSE)
         found.append(Outline(shape, outer, 0.0, strength))
     # segments rotate as the proportions change: once more, near by
-    for one in _best(found, MOST_NEAR):
+    for one in _best(found, *MOST_NEAR):
         outer, strength = strongest_outline(gradients, TEMPLATES[one.shape], one.box, *FINE)
         near.append(one._replace(box=outer, strength=strength))
-    return [align_sides(gradients, one) for one in _best(near, MOST_INNER)]
+    return [align_sides(gradients, one) for one in _best(near, *MOST_INNER)]
 
 
-def _best(found: list[Outline], most: int) -> list[Outline]:
+def _best(found: list[Outline], most: int, part: float) -> list[Outline]:
     """The strongest of those that are a sample or more wide and high: a narrower one has no outline."""
-    wide = (one for one in found if (one.box[2:] - one.box[:2]).min() >= 1.0)
-    return sorted(wide, key=lambda one: -one.strength)[:most]
+    wide = [one for one in found if (one.box[2:] - one.box[:2]).min() >= 1.0]
+    wide.sort(key=lambda one: -one.strength)
+    return [one for one in wide[:most] if one.strength >= part * wide[0].strength]
 
 
 def align_sides(gradients: Gradients, outline: Outline) -> Outline:
@@ -292,37 +292,29 @@ def _fit_sides(x: Array, aspect: float, jacobian: Array, offset: Array, weight: 
         x[c] += change[c]
 
 
-def rim_correction(gradients: Gradients, outline: Outline) -> Array:
-    """Change (4,) of a box for a rim too narrow to have an edge of its own: it widens the outer flank of the edge."""
-    segments = segments_of(outline.shape, outline.box, outline.rotation)
-    reach, step = FLANK, OFFSET_STEP
-    profile = edge_profiles(gradients, segments, -reach, reach + 1, step).mean(axis=0)
-    centre, near = round(reach / step), round(1 / step)
-    top = centre - near + int(np.argmax(profile[centre - near : centre + near + 1]))
-    fallen = np.flatnonzero(profile[top:] < profile[top] / 2)
-    flank = (top + fallen[0] - centre) * step if len(fallen) else reach + 1
-    outward = RIM_FRACTION * (flank - SHARP_FLANK)
-    limited = np.clip(outward, -MOST_RIM_INWARD, MOST_RIM_OUTWARD)
-    return np.asarray(limited * growth(segments))
+def settle_sides(gradients: Gradients, outline: Outline) -> tuple[Array, Array]:
+    """Change (4,) of a box for a rim too narrow to have an edge of its own, and variance (4,) of each side, samples^2.
 
-
-def side_variances(gradients: Gradients, outline: Outline) -> Array:
-    """Variance (4,) of each side of a box about where it lies, by all edges that it could lie on alone, samples^2.
-
-    The posterior of its offset, with the prior of a side and the information of an edge as in `align_sides`; edges
-    count by how far the side moves their segments. One clear edge leaves little; two of like strength, their distance.
+    Such a rim widens the outer flank of the edge. The variance is about where the side then lies, by all edges that it
+    could lie on alone: the posterior of its offset, with the prior of a side and the information of an edge as in
+    `align_sides`; edges count by how far the side moves their segments. One clear edge leaves little; two of like
+    strength, their distance.
     """
     segments = segments_of(outline.shape, outline.box, outline.rotation)
-    reach, step = RIVAL_SIGMAS * SIDE_SIGMA, OFFSET_STEP
-    profiles = edge_profiles(gradients, segments, -reach, reach, step)
-    offset = np.linspace(-reach, reach, profiles.shape[1])
+    step, near = OFFSET_STEP, round(1 / OFFSET_STEP)
+    profiles = edge_profiles(gradients, segments, -FLANK, FLANK + 1, step)
+    offset = np.linspace(-FLANK, FLANK + 1, profiles.shape[1])
+    profile, centre = profiles.mean(axis=0), round(FLANK / step)
+    top = centre - near + int(np.argmax(profile[centre - near : centre + near + 1]))
+    fallen = np.flatnonzero(profile[top:] < profile[top] / 2)
+    flank = offset[top + fallen[0]] if len(fallen) else FLANK + 1
+    outward = RIM_FRACTION * (flank - SHARP_FLANK)
+    change = min(max(outward, -MOST_RIM_INWARD), MOST_RIM_OUTWARD) * growth(segments)
     moves = segments.jacobian[:, :4, None]
-    at = (moves * offset + reach) / step
-    lower = np.minimum(at.astype(np.int64), len(offset) - 2)
-    near = np.take_along_axis(profiles[:, None], lower, axis=2)
-    rise = np.take_along_axis(profiles[:, None], lower + 1, axis=2) - near
-    strength = (np.abs(moves) * (near + (at - lower) * rise)).sum(axis=0)
-    strength /= np.abs(moves).sum(axis=0)
-    likelihood = strength / EDGE_SIGMA**2 - (offset / SIDE_SIGMA) ** 2 / 2
+    at = np.rint((moves * offset + FLANK) / step).astype(np.int64).clip(0, len(offset) - 1)
+    edges = np.take_along_axis(profiles[:, None], at, axis=2)
+    strength = (np.abs(moves) * edges).sum(axis=0) / np.abs(moves).sum(axis=0)
+    away = (offset - change[:, None]) ** 2
+    likelihood = strength / EDGE_SIGMA**2 - away / SIDE_SIGMA**2 / 2
     probability = np.exp(likelihood - likelihood.max(axis=1, keepdims=True))
-    return np.asarray(probability @ offset**2 / probability.sum(axis=1))
+    return change, (probability * away).sum(axis=1) / probability.sum(axis=1)

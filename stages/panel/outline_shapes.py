@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wayside.stages.geometry import cholesky_solve
 from wayside.stages.kernels import Array, compiled
 
 ASPECT = {"triangle": 1.155, "triangle_up": 1.155, "pennant": 1.278}
@@ -11,7 +12,7 @@ ASPECT |= dict.fromkeys(("diamond", "octagon", "circle", "pentagon"), 1.0)
 """Width over height of shapes that come in one proportion (MUTCD)."""
 _PARTS = 3
 """Segments of each side of a shape with few sides: their offsets show its rotation and its proportions."""
-SINGULAR = 1e-9
+_SINGULAR = 1e-9 * np.eye(4)
 """Added to the squares of the sides: a box that segments do not show in full changes least."""
 _ROUNDED, _ROUNDED_SHORT = 0.1, 0.15
 """Fraction of a side left out at either end, where corners are rounded; of the sides of a shape with many."""
@@ -119,5 +120,6 @@ def box_round(shape: str, box: Array, rotation: float) -> Array:
 def growth(segments: Segments) -> Array:
     """Change (4,) of the box that moves all segments one sample outwards (least squares)."""
     moves = segments.jacobian[:, :4]
-    normal = moves.T @ moves + SINGULAR * np.eye(4)
-    return np.asarray(np.linalg.solve(normal, moves.sum(axis=0)))
+    change: Array = moves.sum(axis=0)
+    cholesky_solve(moves.T @ moves + _SINGULAR, change)
+    return change

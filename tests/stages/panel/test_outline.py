@@ -9,7 +9,7 @@ from wayside.stages.panel.outline import (
     Outline,
     fit_face_outline,
     outline_candidates,
-    side_variances,
+    settle_sides,
 )
 from wayside.stages.panel.outline_edges import gradients_of
 from wayside.stages.panel.outline_shapes import OUTLINE_SHAPES, box_round, segments_of
@@ -128,10 +128,10 @@ def test_a_side_with_another_edge_beside_it_is_known_worse_than_the_others():
     middle, half = np.array([60.0, 54.0]), np.array([30.0, 22.0])
     shelf = (polygon("rectangle", middle + np.array([0, 1.5]), half), (120, 90, 20))
     alone, beside = (
-        side_variances(
+        settle_sides(
             gradients_of(views_of("rectangle", middle, half, rim=0, behind=behind)),
             Outline("rectangle", around(middle, half), 0.0, 1.0),
-        )
+        )[1]
         for behind in ((), (shelf,))
     )
     assert beside[3] > 1.8 * alone[3]
