@@ -165,7 +165,7 @@ def true_box(registered: RegisteredViews, panel: PanelPlane, size: Floats) -> Fl
     template = registered.views[0][0]
     ends = np.array([[-1, 0], [0, -1], [1, 0], [0, 1]]) * size / 2
     met = registered.plane.meet(template.image.pose.centre, panel.points(ends)) / registered.step
-    middle = (np.array(template.grey.shape[::-1]) - 1) / 2
+    middle = (np.array(template.rgb.shape[1::-1]) - 1) / 2
     return np.array([met[0, 0], met[1, 1], met[2, 0], met[3, 1]]) + np.tile(middle, 2)
 
 

@@ -5,6 +5,7 @@ the outer outline of the face. Its centre in each view gives the position, seven
 its width and height from view to view gives the size and the facing.
 """
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -12,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.schemas.frame import Pose
 from wayside.schemas.measurement import PanelView
 from wayside.schemas.models import LinearModel
 from wayside.schemas.roadside import Posts
@@ -20,7 +20,7 @@ from wayside.stages.geometry import FrenetOffset
 from wayside.stages.kernels import Array
 from wayside.stages.mapping.landmark_fit import DRIFT_RAD, LandmarkFit
 from wayside.stages.mapping.triangulation import CAUCHY_SIGMAS, triangulate_views
-from wayside.stages.mapping.window import WindowFrame
+from wayside.stages.mapping.window import WindowFrame, WindowPoses
 from wayside.stages.panel import (
     ASPECT,
     FaceOutline,
@@ -151,7 +151,7 @@ def _posts(
     template, _ = registered.views[0]
     motion = held[template.image.frame].motion
     height = motion.camera_height_m if np.isfinite(motion.camera_height_m) else USUAL_CAMERA_M
-    below = box[3] - (template.grey.shape[0] - 1) / 2
+    below = box[3] - (template.rgb.shape[0] - 1) / 2
     low = registered.plane.points(np.array([[0.0, below * registered.step]]))[0]
     above_m = height - float(registered.plane.down @ (low - motion.pose.centre))
     return measure_posts(registered, box, above_m, kinds)
@@ -159,8 +159,8 @@ def _posts(
 
 def across_path(point: Array, held: Sequence[WindowFrame], beside: FrenetOffset) -> PanelPlane:
     """The plane through a point across the path there."""
-    stations = np.array([h.motion.station_m for h in held])
-    after = int(np.clip(np.searchsorted(stations, beside.station), 1, max(len(held) - 1, 1)))
+    after = bisect_left(held, beside.station, key=lambda h: h.motion.station_m)
+    after = min(max(after, 1), max(len(held) - 1, 1))
     pose = held[min(after, len(held) - 1)].motion.pose
     ahead = pose.rotation[:, 2]
     if len(held) > 1:
@@ -177,13 +177,12 @@ def solve_panel(
     plane, step = registered.plane, registered.step
     views, alignments = zip(*registered.views, strict=True)
     frames = np.array([view.image.frame for view in views], np.int64)
-    poses = [view.image.pose for view in views]
-    centres = np.stack([pose.centre for pose in poses])
+    poses = rotations, centres = WindowPoses.of([held[k] for k in frames])[1:]
     focal, depth = np.array([[view.image.focal, view.depth] for view in views]).T
     shift = np.array([a.shift for a in alignments])
     stretch = np.array([a.stretch for a in alignments])
     deviations = COVARIANCE_SCALE * np.sqrt([np.diag(a.covariance) for a in alignments])
-    middle = (np.array(views[0].grey.shape[::-1]) - 1) / 2
+    middle = (np.array(views[0].rgb.shape[1::-1]) - 1) / 2
     offset = ((outline.box[:2] + outline.box[2:]) / 2 - middle) * step
     size = (outline.box[2:] - outline.box[:2]) * step
     points = plane.points(offset * stretch + shift * step)
@@ -192,12 +191,11 @@ def solve_panel(
     ray_sigma = np.hypot(CENTRE_SIGMA_PX, shift_px) / focal
     weight_sigma = np.hypot(ray_sigma, DRIFT_RAD * np.sqrt(frames.max() - frames))
     if len(frames) > 1:
-        rotations = np.stack([pose.rotation for pose in poses])
         point, _ = triangulate_views(rotations, centres, rays, weight_sigma)
         centre_views = (frames, rays, weight_sigma, ray_sigma)
     else:  # the depth is that of the boxes
         point, used = points[0], fit.used
-        own = [held[frame].motion.pose for frame in fit.frames[used]]
+        own = WindowPoses.of([held[k] for k in fit.frames[used]])[1:]
         shifted = fit.seen["ray"][used] + _rays(own, point) - _rays(own, fit.point)
         centre_views = (fit.frames[used], shifted, fit.weight_sigma[used], fit.ray_sigma[used])
     residuals = (_rays(poses, point) - rays) * focal[:, None]
@@ -226,8 +224,8 @@ def solve_panel(
     )
 
 
-def _rays(poses: Sequence[Pose], points: Array) -> Array:
-    """Rays (v, 2) of one point (3,) of the world, or of another (v, 3) in each view."""
-    points = np.broadcast_to(points, (len(poses), 3))
-    local = np.array([pose.to_camera(point) for pose, point in zip(poses, points, strict=True)])
+def _rays(poses: tuple[Array, Array], points: Array) -> Array:
+    """Rays (v, 2) of one point (3,) of the world, or of another (v, 3) in each view, by rotations and centres."""
+    rotations, centres = poses
+    local = ((points - centres)[:, None] @ rotations)[:, 0]
     return np.ascontiguousarray(local[:, :2] / local[:, 2:])

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wayside.stages.geometry import invert_symmetric
 from wayside.stages.kernels import Array
 from wayside.stages.panel.rectification import PanelPlane
 
@@ -18,8 +19,8 @@ ASPECT_SIGMA = 0.02
 """Relative scatter of the proportion of shapes that have one, outline included."""
 FACING_ITERATIONS = 6
 """Gauss-Newton steps of size and facing at most."""
-FACING_CONVERGED = 1e-6
-"""Shorter steps end them, rad (of the sizes: relative)."""
+FACING_CONVERGED = 1e-3
+"""Shorter steps end them, rad (of the sizes: relative): within 0.02 standard deviations."""
 FACING_STEP = 0.3
 """Largest change in one of these steps, rad (of the sizes: relative)."""
 
@@ -50,7 +51,8 @@ def solve_facing(
     deviations. `cauchy`: scale of the Cauchy weights, standard deviations. `aspect`: width over height if the shape has
     one proportion. `facing_sigma`, `aspect_sigma`: prior scatter of the angle, rad, and of the proportion, relative.
     """
-    x, observed = np.array([0.0, *np.log(np.median(sizes, axis=0))]), np.log(sizes)
+    observed = np.log(sizes)
+    x = np.array([0.0, *np.sort(observed, axis=0)[len(observed) // 2]])
     beside, ahead = ((plane.point - centres) @ axis for axis in (plane.right, plane.ahead))
     jacobian = np.zeros((len(sizes), 2, 3))
     jacobian[:, 0, 1] = jacobian[:, 1, 2] = 1.0
@@ -68,9 +70,9 @@ def solve_facing(
         residual[:, 0] = observed[:, 0] - np.log(2 * ahead * wide / room)
         weight = 1 / (1 + (residual / sigmas / cauchy) ** 2) / sigmas**2
         weighted = (jacobian * weight[..., None]).reshape(-1, 3).T
-        covariance = np.linalg.inv(weighted @ jacobian.reshape(-1, 3) + prior).astype(np.float64)
+        invert_symmetric(weighted @ jacobian.reshape(-1, 3) + prior, 0.0, 0.0, covariance)
         step = covariance @ (weighted @ residual.ravel() + pull - prior @ x)
-        x = x + np.clip(step, -FACING_STEP, FACING_STEP)
+        x += np.minimum(np.maximum(step, -FACING_STEP), FACING_STEP)
         if np.abs(step).max() < FACING_CONVERGED:
             break
     return Facing(float(x[0]), x[1:].copy(), covariance)

@@ -28,6 +28,8 @@ LARGEST_SHIFT = 4.0
 """A shift, in samples, that moves farther from its start is refused."""
 INSIDE = 0.5
 """Fraction of the weighted samples that lies in the other view at least."""
+LEAST_ZNCC = 0.8
+"""Correlation (ZNCC) above which a template counts as found."""
 SAMPLES_PER_INDEPENDENT = 3.0
 """Neighbouring samples that share a pixel count as one."""
 SMALLEST_VARIANCE = 1.0
@@ -40,7 +42,7 @@ Samples = NDArray[np.float32]
 
 
 def align(template: Samples, weight: Samples, patch: Samples, start: Array) -> Alignment | None:
-    """Find the template in the patch; None where it diverges or leaves the patch.
+    """Find the template in the patch; None where it diverges, leaves the patch, or does not correlate.
 
     `template`, `weight`, `patch`: of one shape. Samples of weight 0 are not compared. `start` (2,): shift to begin
     with, samples right and down.
@@ -51,13 +53,13 @@ def align(template: Samples, weight: Samples, patch: Samples, start: Array) -> A
         require_array(samples, name, np.float32, template.shape)
     x, normal = np.array([start[0], start[1], 1.0, 1.0, 1.0, 0.0]), np.empty((7, 7))
     spread = _gauss_newton(template, weight, patch, x, normal)
-    if not spread > 0 or x[4] <= 0:
+    zncc = float(np.sqrt(max(0.0, 1 - normal[6, 6] / spread))) if spread > 0 else 0.0
+    if zncc <= LEAST_ZNCC or x[4] <= 0:
         return None
     try:
         inverse = np.asarray(np.linalg.inv(normal[:6, :6]), np.float64)
     except np.linalg.LinAlgError:
         return None
-    zncc = float(np.sqrt(max(0.0, 1 - normal[6, 6] / spread)))
     covariance = inverse[:4, :4] * variance_of(normal[6, 6], normal[5, 5])
     return Alignment(x[:2].copy(), x[2:4].copy(), float(x[4]), float(x[5]), zncc, covariance)
 

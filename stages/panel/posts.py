@@ -133,7 +133,7 @@ def posts_below(
     above the road.
     """
     step, plane, found = registered.step, registered.plane, list[Strip]()
-    middle = (np.array(registered.views[0][0].grey.shape[::-1]) - 1) / 2
+    middle = (np.array(registered.views[0][0].rgb.shape[1::-1]) - 1) / 2
     centre, half = ((box[:2] + box[2:]) / 2 - middle) * step, (box[2:] - box[:2]) / 2 * step
     count, length = int((half[0] + BESIDE_M) / COLUMN_M), min(LENGTH_M, above_m - CLEAR_M)
     across = COLUMN_M * np.arange(-count, count + 1, dtype=np.float64)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.frame import Camera, Pose
-from wayside.stages.geometry import distort_points, ideal_of_rays
+from wayside.stages.geometry import cross_matrices, distort_points, ideal_of_rays
 from wayside.stages.kernels import Array
 
 MOST_VIEWS = 6
@@ -22,8 +22,11 @@ BORDER = 1.05
 """The box times this lies within a usable image."""
 BORDER_PX = 1.0
 """Least distance of that box from the edge of the image."""
+FULL_SIZE_SAMPLES = 60
+"""Longer views, in samples, are registered at half size."""
 _CELLS = 8
 """Cells of the grid, each way, whose knots are projected exactly; samples between are interpolated."""
+_KNOTS = np.arange(_CELLS + 1)
 
 
 class PanelPlane(NamedTuple):
@@ -39,7 +42,7 @@ class PanelPlane(NamedTuple):
         """The plane through a point with the unit normal `ahead`; `up` need not be perpendicular to it."""
         up = up - (up @ ahead) * ahead
         up /= np.linalg.norm(up)
-        return cls(point, np.cross(ahead, up), -up, ahead)
+        return cls(point, cross_matrices(ahead) @ up, -up, ahead)
 
     def meet(self, centre: Array, points: Array) -> Array:
         """Where lines from a camera centre (3,) through points (n, 3) meet the plane: right and down (n, 2), metres."""
@@ -70,7 +73,7 @@ class PosedImage(NamedTuple):
 
 
 class RectifiedView(NamedTuple):
-    """An image resampled on the plane: depth of the panel in it, metres; rgb (rows, columns, 3) and grey."""
+    """An image resampled on the plane: depth of the panel in it, metres; rgb (rows, columns, 3), grey as registered."""
 
     image: PosedImage
     depth: float
@@ -82,7 +85,9 @@ def pixels_of(images: Iterable[PosedImage], points: Array) -> Array:
     """Recorded (distorted) pixels (v, n, 2) of world points (n, 3) in images."""
     found = []
     for camera, own in groupby(images, key=lambda image: image.camera):
-        local = np.concatenate([image.pose.to_camera(points) for image in own])
+        poses = [(image.pose.centre, image.pose.rotation) for image in own]
+        centres, rotations = (np.array(parts) for parts in zip(*poses, strict=True))
+        local = ((points - centres[:, None]) @ rotations).reshape(-1, 3)
         found.append(distort_points(camera, ideal_of_rays(camera, local[:, :2] / local[:, 2:])))
     return np.concatenate(found).reshape(-1, len(points), 2)
 
@@ -92,8 +97,9 @@ def usable_views(
 ) -> list[tuple[float, PosedImage]]:
     """Depth and image of the views that show all of a panel of this width and height (2,), metres; nearest first."""
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * size / 2 * BORDER
-    near = [(float(image.pose.to_camera(plane.point)[2]), image) for image in images]
-    near = [view for view in near if NEAREST_M < view[0] < FARTHEST_M]
+    poses = (image.pose for image in images)
+    depths = [float((plane.point - pose.centre) @ pose.rotation[:, 2]) for pose in poses]
+    near = [view for view in zip(depths, images, strict=True) if NEAREST_M < view[0] < FARTHEST_M]
     if not near:
         return []
     pixels = pixels_of((image for _, image in near), plane.points(corners))
@@ -114,7 +120,7 @@ def rectify(
     `columns`: (m,), rows: (n,). The projection varies slowly over a panel: it is computed on a grid and interpolated
     linearly between.
     """
-    knots = [np.linspace(at[0], at[-1], _CELLS + 1) for at in (columns, rows)]
+    knots = [at[0] + (at[-1] - at[0]) / _CELLS * _KNOTS for at in (columns, rows)]
     grid = plane.points(np.stack(np.meshgrid(*knots), axis=-1).reshape(-1, 2))
     across, down = _interpolation(len(columns)).T, _interpolation(len(rows))
     pixels = pixels_of((image for _, image in views), grid).astype(np.float32)
@@ -122,12 +128,15 @@ def rectify(
     found = []
     for (depth, image), (u, v) in zip(views, maps, strict=True):
         rgb: Any = cv2.remap(image.rgb, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
-        found.append(RectifiedView(image, depth, rgb, grey.astype(np.float32)))
+        grey: Any = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32)
+        if max(grey.shape) > FULL_SIZE_SAMPLES:
+            half = (grey.shape[1] // 2, grey.shape[0] // 2)
+            grey = cv2.resize(grey, half, interpolation=cv2.INTER_AREA)
+        found.append(RectifiedView(image, depth, rgb, grey))
     return found
 
 
 def _interpolation(count: int) -> NDArray[np.float32]:
     """Weights (count, knots) of linear interpolation between the knots of the grid."""
-    at = np.linspace(0, _CELLS, count)
-    return np.asarray(np.maximum(0.0, 1 - np.abs(at[:, None] - np.arange(_CELLS + 1))), np.float32)
+    at = np.arange(count) * (_CELLS / (count - 1))
+    return np.asarray(np.maximum(0.0, 1 - np.abs(at[:, None] - _KNOTS)), np.float32)
