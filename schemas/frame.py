@@ -207,5 +207,3 @@ class Image:
     """(height, width, 3). None: the frame is not used, or not any more."""
     grey: NDArray[np.uint8] | None = field(repr=False)
     """(height, width). None where `rgb` is."""
-    levels: tuple[NDArray[np.uint8], ...] | None = field(default=None, repr=False)
-    """`rgb` at full, half and quarter size. None: no stage has made them yet."""

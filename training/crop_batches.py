@@ -23,7 +23,6 @@ from training.detector_crops import Crop, drawn_crop, targets
 from training.detector_images import LabelledImage, drawing_probability
 from training.face_drawings import FaceLibrary
 from wayside.stages.detection import DetectionNetwork, drawn_patches
-from wayside.stages.imaging import pyramid
 
 TOGETHER, WAITING = 16, 3
 """Crops of a batch, and batches that wait for each process, at most."""
@@ -90,7 +89,7 @@ def crop_with_boxes(
     made: Columns = {one.name: getattr(crop, one.name) for one in fields(Crop)}
     made["count"] = np.array(len(rows), np.int32)
     of_boxes = {one.name: getattr(found, one.name)[rows] for one in fields(BoxTargets)}
-    of_boxes["patch"] = drawn_patches(pyramid(drawn.rgb), of_boxes.pop("box"))
+    of_boxes["patch"] = drawn_patches(drawn.rgb, of_boxes.pop("box"))
     for name, values in of_boxes.items():
         unused = [(0, BOXES - len(rows)), *[(0, 0)] * (values.ndim - 1)]
         made[f"of_box_{name}"] = np.pad(values, unused)

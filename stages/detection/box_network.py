@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from wayside.schemas.detections import LEARNED_COLORS, SHAPES
 from wayside.schemas.models import ScoreModel
 from wayside.stages.classifiers import OnnxNetwork
-from wayside.stages.detection.box_patches import SIDE, drawn_patches, log_levels, pyramid_of_boxes
-from wayside.stages.imaging import Pyramid
+from wayside.stages.detection.box_patches import SIDE, drawn_patches, log_levels
 
 PATCHES, SIZES, BOX_OUTPUT = "patches", "sizes", "boxes"
 """Names of the inputs, `log_levels` (n, 48, 48, 3) and widths and heights (n, 2) in pixels, and of the output."""
@@ -61,12 +60,12 @@ class BoxNetwork:
                 f"a box has {BOX_VALUES} values, but the output has shape {found.shape}"
             )
 
-    def scores(self, levels: Pyramid, box: NDArray[np.float32]) -> BoxScores:
-        """Of boxes (n, 4) of an image at full, half and quarter size."""
+    def scores(self, rgb: NDArray[np.uint8], box: NDArray[np.float32]) -> BoxScores:
+        """Of boxes (n, 4) of an image (height, width, 3)."""
         parts = [np.zeros((0, BOX_VALUES), np.float32)]
         for first in range(0, len(box), TOGETHER):
             some = np.asarray(box[first : first + TOGETHER], np.float32)
-            parts.append(self._values(drawn_patches(levels, some), some))
+            parts.append(self._values(drawn_patches(rgb, some), some))
         values = np.concatenate(parts)
         columns = np.split(values, [1, OFFSET_AT, COLOR_AT, SHAPE_AT], axis=1)
         return BoxScores(columns[0][:, 0], columns[1][:, 0], *columns[2:])
@@ -86,5 +85,5 @@ class BoxClassifier:
 
     def scores(self, rgb: NDArray[np.uint8], box: NDArray[np.float32]) -> NDArray[np.float32]:
         """Log odds (n,) that boxes (n, 4) of an image (height, width, 3) show such a panel."""
-        found = self.network.scores(*pyramid_of_boxes(rgb, box))
+        found = self.network.scores(rgb, box)
         return found.back if self.back else found.front

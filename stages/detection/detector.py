@@ -18,7 +18,6 @@ from wayside.schemas.settings import CandidateSettings
 from wayside.stages.detection.box_network import BoxNetwork, BoxScores
 from wayside.stages.detection.proposals import fits_face
 from wayside.stages.geometry import non_maximum_suppression
-from wayside.stages.imaging import pyramid
 
 SAME_FACE_IOU = 0.4
 """Accepted boxes that overlap a better one more are suppressed (chosen by hand)."""
@@ -53,15 +52,15 @@ def detect(
         if image.rgb is None or image.frame.camera is None or len(regions) == 0:
             yield Detections(item, candidates)
             continue
-        box, levels = regions.box, image.levels or pyramid(image.rgb)
-        found = network.scores(levels, box)
+        box = regions.box
+        found = network.scores(image.rgb, box)
         scores = joined_scores(front.with_network, found.front, item.network_score)
         margin = scores - front.threshold
         if back is not None:
             margin = np.maximum(margin, found.back - back.threshold)
         near = np.flatnonzero(margin >= REGRESSED_FROM)
         moved = regressed_boxes(box[near], found.offset[near], image.frame.camera)
-        again = network.scores(levels, moved)
+        again = network.scores(image.rgb, moved)
         better = again.best > found.best[near]
         for values, moved_values in zip(found, again, strict=True):
             values[near[better]] = moved_values[better]

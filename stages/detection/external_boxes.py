@@ -18,7 +18,6 @@ from wayside.stages.detection.box_network import BoxNetwork
 from wayside.stages.detection.detector import SAME_FACE_IOU, with_names, with_scores
 from wayside.stages.detection.onnx_detector import OnnxDetector
 from wayside.stages.detection.proposals import regions_of
-from wayside.stages.imaging import pyramid
 from wayside.stages.segmentation import unsegmented
 
 
@@ -111,7 +110,7 @@ def classified(
     candidates = with_scores(Candidates.of(regions), found.score, -np.inf, keep)
     if len(found) == 0 or item.rgb is None:
         return candidates
-    named = network.scores(pyramid(item.rgb), regions.box)
+    named = network.scores(item.rgb, regions.box)
     candidates = with_names(candidates, rows, named, grey=item.frame.grey)
     for name, known in (("color", found.color), ("shape", found.shape)):
         sure = np.flatnonzero(known != NONE)

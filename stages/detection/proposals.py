@@ -12,7 +12,7 @@ from wayside.schemas.detections import SHAPES, SOURCES, Dropped, NetworkBoxes, R
 from wayside.schemas.frame import Camera, Image
 from wayside.stages.detection.network_proposals import MULTIPLE, DetectionNetwork, boxes_of_maps
 from wayside.stages.geometry import non_maximum_suppression
-from wayside.stages.imaging import Pyramid, enlarged, pyramid
+from wayside.stages.imaging import enlarged, halved
 from wayside.stages.segmentation import FACE_ROWS, unsegmented
 
 NARROWEST, WIDEST = 0.2, 6.5
@@ -53,12 +53,10 @@ def propose(images: Iterator[Image], *, network: DetectionNetwork) -> Iterator[S
         if image.rgb is None or camera is None:
             yield item
             continue
-        levels = pyramid(image.rgb)
-        bands = network_bands(network, levels, camera)
+        bands = network_bands(network, image.rgb, camera)
         found = boxes_of_bands(bands, image.rgb.shape)
         item = replace(
             item,
-            image=replace(image, levels=levels),
             regions=regions_of(found.box, found.shape.argmax(axis=1), image.rgb, "network"),
             dropped=Dropped(left_out=found.left_out),
             network_score=found.front,
@@ -103,7 +101,7 @@ class Band:
         return np.asarray(~cut.any(axis=1))
 
 
-def network_bands(network: DetectionNetwork, levels: Pyramid, camera: Camera) -> list[Band]:
+def network_bands(network: DetectionNetwork, rgb: NDArray[np.uint8], camera: Camera) -> list[Band]:
     """What the network sees of an image: far faces near the horizon at full size, all rows with faces at half size.
 
     For an image of short focal length, full size is twice its own size, and half size is its own. A face is then as
@@ -114,12 +112,14 @@ def network_bands(network: DetectionNetwork, levels: Pyramid, camera: Camera) ->
     far, near = np.array(FULL_SIZE_PX) / times, np.array(HALF_SIZE) * camera.fy
     found = []
     for scale, sides in ((1 / times, axis + far), (2 / times, axis + near)):
-        level = int(scale > 1)  # the image as it is, or at half size
-        pixels = 1 << level
+        pixels = (
+            2 if scale > 1 else 1
+        )  # of the image, each way, in one that is seen before it is enlarged
         left, top, right, bottom = np.rint(sides / pixels).clip(0, 1 << 30).astype(int)
         larger = round(pixels / scale)
         rows = MULTIPLE * round((bottom - top) * larger / MULTIPLE) // larger
-        seen = levels[level][top : top + rows, left:right]
+        seen = rgb[pixels * top : pixels * (top + rows), pixels * left : pixels * right]
+        seen = halved(seen) if pixels == 2 else seen
         if seen.size:
             band = enlarged(seen, larger)
             size, maps = band.shape[:2], network.maps(band)

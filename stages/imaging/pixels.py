@@ -1,4 +1,4 @@
-"""Sizes and colours of an image: pyramids, the space in which colours are compared, white balance by the road."""
+"""Sizes and colours of an image: half size, the space in which colours are compared, white balance by the road."""
 
 from typing import Any
 
@@ -7,15 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.frame import Camera
-
-Pyramid = tuple[NDArray[np.uint8], ...]
-"""An image at full, half and quarter size, (height, width, 3) uint8 each."""
-
-
-def pyramid(rgb: NDArray[np.uint8]) -> Pyramid:
-    """The image (height, width, 3) at full, half and quarter size."""
-    half = halved(rgb)
-    return rgb, half, halved(half)
 
 
 def halved(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -100,10 +100,10 @@ class _Classified(NamedTuple):
 
 
 def _in_one_size(posed: PosedDetections, grey: bool) -> PosedDetections:
-    """The frame with its image in colour or in grey only, in full size: at most half of what the window would hold."""
+    """The frame with its image in colour or in grey only: at most three quarters of what the window would hold."""
     found = posed.detections.segmentation
     frame, unneeded = replace(posed.frame, data=b""), "rgb" if grey else "grey"
-    image = replace(found.image, frame=frame, levels=None, **{unneeded: None})
+    image = replace(found.image, frame=frame, **{unneeded: None})
     detections = replace(posed.detections, segmentation=replace(found, image=image, labels=None))
     return replace(posed, detections=detections)
 

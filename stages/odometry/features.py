@@ -46,9 +46,7 @@ def extract_features(
             features = replace(features, corners=corners, descriptors=descriptors)
         if camera is not None:
             candidates = replace(candidates, ideal=ideal_points(camera, candidates.center))
-        image = replace(item.image, levels=None)
-        segmentation = replace(item.segmentation, image=image, labels=None)
-        yield Detections(segmentation, candidates, features)
+        yield Detections(replace(item.segmentation, labels=None), candidates, features)
 
 
 def tie_corners(

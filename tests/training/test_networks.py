@@ -12,7 +12,6 @@ from wayside.pipeline.models.model_files import onnx_metadata
 from wayside.schemas.detections import LEARNED_COLORS, NONE, SHAPES
 from wayside.stages.detection import BOX_VALUES, INNER, MAPS, SIDE, drawn_patches, log_levels
 from wayside.stages.detection import BoxNetwork as InOnnxRuntime
-from wayside.stages.imaging import pyramid
 
 CELLS_WIDE = CROP_PX // STRIDE
 
@@ -90,19 +89,18 @@ def tensors(torch, held):
 
 
 def scene(seed=1):
-    """Levels of a textured image, and boxes of it."""
+    """A textured image, and boxes of it."""
     random = np.random.default_rng(seed)
     coarse = random.uniform(0, 255, (30, 40, 3)).astype(np.float32)
     rgb = cv2.resize(coarse, (320, 240), interpolation=cv2.INTER_CUBIC).clip(0, 255)
     corner, size = random.uniform(0, 200, (60, 2)), random.uniform(8, 60, (60, 2))
-    levels = pyramid(np.ascontiguousarray(rgb.astype(np.uint8)))
-    return levels, np.concatenate([corner, corner + size], 1).astype(np.float32)
+    return rgb.astype(np.uint8), np.concatenate([corner, corner + size], 1).astype(np.float32)
 
 
 def shown(seed=1):
     """Columns of the boxes of such an image that a network sees."""
-    levels, box = scene(seed)
-    return {"patch": log_levels(drawn_patches(levels, box)), "size": box[:, 2:] - box[:, :2]}
+    rgb, box = scene(seed)
+    return {"patch": log_levels(drawn_patches(rgb, box)), "size": box[:, 2:] - box[:, :2]}
 
 
 def values_of(torch, asked, seen):

@@ -15,7 +15,6 @@ from wayside.stages.classifiers import OnnxNetwork
 from wayside.stages.detection import BoxClassifier, BoxNetwork
 from wayside.stages.detection.box_network import TOGETHER
 from wayside.stages.geometry import iou_matrix
-from wayside.stages.imaging import pyramid
 from wayside.stages.sign_codes import FaceClassifier
 
 GROUND = np.array([[40, 200, 72, 232], [300, 20, 340, 60], [420, 280, 450, 330]], np.float32)
@@ -49,7 +48,7 @@ def scene():
         corners = np.stack([360 + size * np.cos(angles), 170 + size * np.sin(angles)], 1)
         cv2.fillPoly(rgb, [np.round(16 * corners).astype(np.int32)], color, cv2.LINE_AA, 4)
     cv2.putText(rgb, "STOP", (341, 176), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (240, 240, 240), 2, 16)
-    return pyramid(cv2.GaussianBlur(rgb, (0, 0), 0.6))
+    return cv2.GaussianBlur(rgb, (0, 0), 0.6)
 
 
 def some_boxes(count, seed=1):
@@ -114,7 +113,7 @@ def test_a_classifier_has_the_log_odds_of_its_side():
     found, boxes = network().scores(scene(), GROUND), GROUND
     for back, wanted in ((False, found.front), (True, found.back)):
         side = BoxClassifier(network(), ScoreModel(1.5, "made up"), back=back)
-        np.testing.assert_array_equal(side.scores(scene()[0], boxes), wanted)
+        np.testing.assert_array_equal(side.scores(scene(), boxes), wanted)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@ import numpy as np
 import pytest
 
 from wayside.stages.detection import INNER, SIDE, drawn_patches
-from wayside.stages.imaging import pyramid
 
 BOX = np.array([[60, 50, 100, 90]], np.float32)
 EDGE = (SIDE - INNER) // 2
@@ -17,7 +16,7 @@ def scene(seed=0):
 
 
 def patch(rgb, box=BOX):
-    return drawn_patches(pyramid(rgb), box)[0].astype(int)
+    return drawn_patches(rgb, box)[0].astype(int)
 
 
 def test_a_patch_is_the_box_with_its_surroundings():
@@ -37,29 +36,27 @@ def test_a_mirrored_image_has_mirrored_patches():
     assert np.abs(patch(scene()) - patch(flipped, box)[:, ::-1]).max() <= 1
 
 
-@pytest.mark.parametrize(("side", "level"), [(2 * INNER - 1, 0), (2 * INNER, 1), (4 * INNER, 2)])
-def test_a_large_box_is_drawn_from_a_smaller_image(side, level):
-    levels = [np.full((400 >> k, 400 >> k, 3), 50 * (k + 1), np.uint8) for k in range(3)]
-    shown = drawn_patches(tuple(levels), np.array([[100, 100, 100 + side, 120]], np.float32))
-    assert (shown == 50 * (level + 1)).all()
+@pytest.mark.parametrize("width", [1, 2])
+@pytest.mark.parametrize(("side", "scale"), [(55, 1), (56, 2), (111, 2), (112, 4)])
+def test_a_large_box_is_drawn_from_a_smaller_image(side, scale, width):
+    stripes = np.repeat(np.arange(400) // width % 2 * 200, 3).astype(np.uint8)
+    rgb = np.tile(stripes, (400, 1)).reshape(400, 400, 3)
+    shown = patch(rgb, np.array([[100, 100, 100 + side, 120]], np.float32))
+    assert (shown == 100).all() == (scale >= 2 * width)
 
 
 @pytest.mark.parametrize(
-    "box", [(-30, -20, 10, 15), (190, 150, 260, 200), (0, 0, 200, 160), (50, 50, 51, 51)]
+    "box", [(-30, -20, 10, 15), (195, 155, 201, 161), (0, 0, 200, 160), (185, 9, 205, 29)]
 )
 def test_beyond_the_border_it_is_repeated(box):
-    levels, table = pyramid(scene()), np.array([box], np.float32)
-    around = [
-        cv2.copyMakeBorder(level, *[128 >> k] * 4, cv2.BORDER_REPLICATE)
-        for k, level in enumerate(levels)
-    ]
-    found, wanted = drawn_patches(levels, table), drawn_patches(tuple(around), table + 128)
+    rgb, table = scene().repeat(4, 0).repeat(4, 1), 4 * np.array([box], np.float32)
+    around = cv2.copyMakeBorder(rgb, *[1024] * 4, cv2.BORDER_REPLICATE)
+    found, wanted = drawn_patches(rgb, table), drawn_patches(around, table + 1024)
     assert np.abs(found.astype(int) - wanted).max() <= 1
 
 
 def test_other_arrays_are_refused():
-    good = pyramid(scene())
-    with pytest.raises(ValueError, match="levels"):
-        drawn_patches((good[0].astype(np.float32), *good[1:]), BOX)
+    with pytest.raises(ValueError, match="rgb"):
+        drawn_patches(scene().astype(np.float32), BOX)
     with pytest.raises(ValueError, match="box"):
-        drawn_patches(good, BOX[:, :3])
+        drawn_patches(scene(), BOX[:, :3])

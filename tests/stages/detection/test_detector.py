@@ -39,7 +39,7 @@ class ByHeight:
     offset: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
     shift: float = 0.0
 
-    def scores(self, levels, box):
+    def scores(self, rgb, box):
         wide, tall = (box[:, 2:] - box[:, :2]).T
         front = np.select([tall >= 20, tall >= 12], [3.0, 1.0], -1.0).astype(np.float32)
         front += np.float32(self.shift)
