@@ -24,7 +24,7 @@ from training.detector_images import (
     rendered_images,
     scene_set_images,
 )
-from wayside.stages.detection import DetectionNetwork, boxes_of_maps
+from wayside.stages.detection import DetectionNetwork, Part, boxes_of_maps
 from wayside.stages.geometry import covered_fractions, iou_matrix
 
 ON_FACE, NEAR_FACE = 0.5, 0.3
@@ -85,7 +85,7 @@ def boxes_of(network: DetectionNetwork, images: Sequence[LabelledImage]) -> Iter
     """What the network finds from the front."""
     for image in images:
         maps, size = network.maps(image.rgb), image.rgb.shape[:2]
-        found = boxes_of_maps(maps, size, LEAST_SCORE, MOST, SAME_IOU)
+        found = boxes_of_maps([Part(maps, size)], size, LEAST_SCORE, MOST, SAME_IOU)
         front = found.front == found.score
         yield found.box[front], found.score[front]
 

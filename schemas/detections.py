@@ -210,7 +210,7 @@ class Candidates(Rows):
 
 
 @dataclass(frozen=True, slots=True)
-class NetworkBoxes:
+class NetworkBoxes(Rows):
     """Boxes that the detection network found in one image, n rows, best first."""
 
     box: NDArray[np.float32]
@@ -219,21 +219,10 @@ class NetworkBoxes:
     """Log odds of the likelier side, (n,)."""
     front: NDArray[np.float32]
     """Log odds of a face, (n,)."""
-    color: NDArray[np.float32]
-    """Log probability of each of `LEARNED_COLORS` up to a constant a row, (n, colours)."""
-    shape: NDArray[np.float32]
-    """Log probability of each of `SHAPES` up to a constant a row, (n, shapes)."""
+    shape: NDArray[np.int8]
+    """Index into `SHAPES` of the most probable one, (n,)."""
     left_out: int = 0
     """Number of further boxes that were found and are not kept."""
-
-    @staticmethod
-    def none() -> "NetworkBoxes":
-        """No boxes."""
-        one, two = np.zeros(0, np.float32), np.zeros((0, 4), np.float32)
-        colors, shapes = (
-            np.zeros((0, len(names)), np.float32) for names in (LEARNED_COLORS, SHAPES)
-        )
-        return NetworkBoxes(two, one, one, colors, shapes)
 
 
 class Dropped(NamedTuple):

@@ -22,7 +22,7 @@ from training.detector_crops import (
 from training.detector_images import LabelledImage
 from training.truth import UNION, second_faces
 from wayside.schemas.detections import NONE
-from wayside.stages.detection import STRIDE, DetectionNetwork, boxes_of_maps
+from wayside.stages.detection import ODDS, STRIDE, DetectionNetwork, Part, boxes_of_maps
 from wayside.stages.geometry import iou_matrix
 
 PROPOSED, LEAST_SCORE, SAME_IOU = 14, -6.0, 0.6
@@ -79,7 +79,8 @@ def boxes_of_crop(
 ) -> BoxTargets:
     """Boxes of a crop; doubt: what is known of each of its cells, as in `Crop`."""
     maps = network.maps(crop.rgb)
-    found = boxes_of_maps(maps, (CROP_PX, CROP_PX), LEAST_SCORE, PROPOSED, SAME_IOU).box
+    whole = [Part(maps, (CROP_PX, CROP_PX))]
+    found = boxes_of_maps(whole, whole[0].seen, LEAST_SCORE, PROPOSED, SAME_IOU).box
     shown = shown_faces(crop)
     named = [rng.permutation(crop.box[shown])[:FACES], rng.permutation(crop.other)[:OTHERS]]
     size = _log_uniform(ANYWHERE_PX, (ANYWHERE, 2), rng)
@@ -97,7 +98,7 @@ def boxes_of_crop(
     row, column = (((box[:, k] + box[:, k + 2]) / (2 * STRIDE)).astype(int) for k in (1, 0))
     last = CROP_PX // STRIDE - 1
     row, column = np.minimum(row, last), np.minimum(column, last)
-    weight = negative_weights(doubt[:, row, column].T, maps.heat[:, row, column].T)
+    weight = negative_weights(doubt[:, row, column].T, maps.all()[:ODDS, row, column].T)
     return _targets(box, crop, shown, weight)
 
 

@@ -37,6 +37,7 @@ from wayside.stages.detection.network_proposals import STRIDE as STRIDE
 from wayside.stages.detection.network_proposals import WEIGHT as WEIGHT
 from wayside.stages.detection.network_proposals import DetectionNetwork as DetectionNetwork
 from wayside.stages.detection.network_proposals import Maps as Maps
+from wayside.stages.detection.network_proposals import Part as Part
 from wayside.stages.detection.network_proposals import boxes_of_maps as boxes_of_maps
 from wayside.stages.detection.network_proposals import padded as padded
 from wayside.stages.detection.onnx_detector import OnnxDetector as OnnxDetector

@@ -43,9 +43,11 @@ def _shown(
     rgb: NDArray[np.uint8], box: NDArray[np.float32], scale: int
 ) -> tuple[NDArray[np.uint8], int, int, int]:
     """The part of an image that the patch of a box shows, `scale` smaller, and its left column and top row there."""
-    last, size = np.array(rgb.shape[1::-1]) - scale, box[2:] - box[:2]
-    left, top = (np.clip(box[:2] - size, 0, last) // scale).astype(int).tolist()
-    right, bottom = ((box[2:] + size) // scale + 1).astype(int).tolist()
+    x0, y0, x1, y1 = box.tolist()
+    beside, above = (x1 - x0) / 2, (y1 - y0) / 2
+    left = int(min(max(x0 - beside, 0), rgb.shape[1] - scale)) // scale
+    top = int(min(max(y0 - above, 0), rgb.shape[0] - scale)) // scale
+    right, bottom = int(x1 + beside) // scale + 1, int(y1 + above) // scale + 1
     part = rgb[scale * top : scale * bottom, scale * left : scale * right]
     return halved(part if scale == 2 else halved(part)), scale, left, top
 

@@ -1,18 +1,22 @@
 """Candidates for sign faces: boxes of the detection network."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import SHAPES, SOURCES, Dropped, NetworkBoxes, Regions, Segmentation
 from wayside.schemas.frame import Camera, Image
-from wayside.stages.detection.network_proposals import MULTIPLE, DetectionNetwork, boxes_of_maps
-from wayside.stages.geometry import non_maximum_suppression
+from wayside.stages.detection.network_proposals import (
+    MULTIPLE,
+    DetectionNetwork,
+    Part,
+    boxes_of_maps,
+)
 from wayside.stages.imaging import enlarged, halved
+from wayside.stages.kernels import compiled, require_array, require_image
 from wayside.stages.segmentation import FACE_ROWS, unsegmented
 
 NARROWEST, WIDEST = 0.2, 6.5
@@ -26,8 +30,6 @@ FILLED = {"rectangle": 0.98, "diamond": 0.5, "octagon": 0.83, "triangle": 0.5, "
 """Area of a shape as a fraction of its box."""
 OTHER_FILLED = 0.8
 """The same of a shape that is not known: between a circle and a rectangle."""
-SAME_REGION_IOU = 0.7
-"""Boxes that overlap more are one candidate: at 0.45 faces were lost to their neighbours, at 0.6 not."""
 FULL_SIZE_PX = (-640, -176, 640, 112)
 """What the network sees at full size: left, top, right, bottom about the optical axis. A face of half a metre that is
 too small at half size has 32 px a metre at most, so it is seen up to 5.5 m above, 3.5 m below and 20 m beside it."""
@@ -45,64 +47,28 @@ SAME_BOX_IOU = 0.5
 def propose(images: Iterator[Image], *, network: DetectionNetwork) -> Iterator[Segmentation]:
     """Take the boxes of a detection network as the regions of each image.
 
-    The network sees the rows in which faces can be (`network_bands`). Boxes that no face has the size of are dropped,
-    and of nearly the same boxes one stays; what is dropped is counted. An image that is not used has no regions.
+    The network sees the rows in which faces can be (`network_boxes`). Boxes that no face has the size of are dropped
+    and counted. An image that is not used has no regions.
     """
     for image in images:
         item, camera = unsegmented(image), image.frame.camera
         if image.rgb is None or camera is None:
             yield item
             continue
-        bands = network_bands(network, image.rgb, camera)
-        found = boxes_of_bands(bands, image.rgb.shape)
-        item = replace(
+        found = network_boxes(network, image.rgb, camera)
+        fits = found.select(fits_face(found.box, camera))
+        yield replace(
             item,
-            regions=regions_of(found.box, found.shape.argmax(axis=1), image.rgb, "network"),
-            dropped=Dropped(left_out=found.left_out),
-            network_score=found.front,
+            regions=regions_of(fits.box, fits.shape, image.rgb, "network"),
+            dropped=Dropped(size=len(found) - len(fits), left_out=found.left_out),
+            network_score=fits.front,
         )
-        yield fitting(item, camera)
 
 
-def fitting(item: Segmentation, camera: Camera) -> Segmentation:
-    """The image with the regions that a face can be, by size and aspect, and one of those that are nearly the same."""
-    box, score = item.regions.box, item.network_score
-    rows = np.flatnonzero(fits_face(box, camera))
-    kept = rows[non_maximum_suppression(box[rows], SAME_REGION_IOU)]
-    return replace(
-        item,
-        regions=item.regions.select(kept),
-        dropped=item.dropped.plus(Dropped(len(box) - len(rows), len(rows) - len(kept))),
-        network_score=None if score is None else score[kept],
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class Band:
-    """Part of an image from `corner` (x, y) on as the network sees it, a pixel `scale` pixels of the image: 1/4 to 2.
-
-    `boxes`: by the network, pixels of the band; `size`: height and width of its input.
-    """
-
-    boxes: NetworkBoxes
-    size: tuple[int, int]
-    corner: tuple[int, int]
-    scale: float
-
-    def in_image(self) -> NDArray[np.float32]:
-        """Its boxes (n, 4) in pixels of the image."""
-        return self.boxes.box * np.float32(self.scale) + np.array(self.corner * 2, np.float32)
-
-    def whole(self, shape: tuple[int, ...]) -> NDArray[np.bool_]:
-        """Which of its boxes (n,) end inside it, or where the image (height, width) does: the rest is cut."""
-        box, size, corner = self.boxes.box, np.array(self.size[::-1]), np.array(self.corner)
-        inside = corner + (size + 1) * self.scale <= shape[1::-1]
-        cut = ((box[:, :2] <= 0) & (corner > 0)) | ((box[:, 2:] >= size) & inside)
-        return np.asarray(~cut.any(axis=1))
-
-
-def network_bands(network: DetectionNetwork, rgb: NDArray[np.uint8], camera: Camera) -> list[Band]:
-    """What the network sees of an image: far faces near the horizon at full size, all rows with faces at half size.
+def network_boxes(
+    network: DetectionNetwork, rgb: NDArray[np.uint8], camera: Camera
+) -> NetworkBoxes:
+    """The best boxes of an image: far faces near the horizon at full size, all rows with faces at half size.
 
     For an image of short focal length, full size is twice its own size, and half size is its own. A face is then as
     large as in the images that the network has learned from. Rows are a multiple of 32 where the image has them.
@@ -110,43 +76,19 @@ def network_bands(network: DetectionNetwork, rgb: NDArray[np.uint8], camera: Cam
     times = enlargement(camera)
     axis = np.array([camera.cx, camera.cy] * 2)
     far, near = np.array(FULL_SIZE_PX) / times, np.array(HALF_SIZE) * camera.fy
-    found = []
+    parts = []
     for scale, sides in ((1 / times, axis + far), (2 / times, axis + near)):
-        pixels = (
-            2 if scale > 1 else 1
-        )  # of the image, each way, in one that is seen before it is enlarged
-        left, top, right, bottom = np.rint(sides / pixels).clip(0, 1 << 30).astype(int)
+        pixels = 2 if scale > 1 else 1  # of the image, each way, in one before it is enlarged
+        left, top, right, bottom = np.rint(sides / pixels).clip(0, 1 << 30).astype(int).tolist()
         larger = round(pixels / scale)
         rows = MULTIPLE * round((bottom - top) * larger / MULTIPLE) // larger
         seen = rgb[pixels * top : pixels * (top + rows), pixels * left : pixels * right]
         seen = halved(seen) if pixels == 2 else seen
         if seen.size:
             band = enlarged(seen, larger)
-            size, maps = band.shape[:2], network.maps(band)
-            boxes = boxes_of_maps(maps, size, LEAST_SCORE, MOST_BOXES, SAME_BOX_IOU)
-            found.append(Band(boxes, size, (left * pixels, top * pixels), scale))
-    return found
-
-
-def boxes_of_bands(bands: Sequence[Band], size: tuple[int, ...]) -> NetworkBoxes:
-    """The best boxes of all bands in pixels of the image (height, width).
-
-    Of a face that a border of the full-size band cuts, the box at half size stays.
-    """
-    if not bands:
-        return NetworkBoxes.none()
-    box = np.concatenate([band.in_image() for band in bands])
-    whole = np.concatenate([band.whole(size) for band in bands])
-    score, front, color, shape = (
-        np.concatenate([getattr(band.boxes, name) for band in bands])
-        for name in ("score", "front", "color", "shape")
-    )
-    order = np.argsort(-score, kind="stable")
-    order = order[whole[order]]
-    apart = order[non_maximum_suppression(box[order], SAME_BOX_IOU)]
-    best = apart[:MOST_BOXES]
-    left_out = len(apart) - len(best) + sum(band.boxes.left_out for band in bands)
-    return NetworkBoxes(box[best], score[best], front[best], color[best], shape[best], left_out)
+            corner = left * pixels, top * pixels
+            parts.append(Part(network.maps(band), band.shape[:2], corner, scale))
+    return boxes_of_maps(parts, rgb.shape, LEAST_SCORE, MOST_BOXES, SAME_BOX_IOU)
 
 
 def regions_of(
@@ -173,9 +115,24 @@ def fits_face(box: NDArray[np.floating[Any]], camera: Camera) -> NDArray[np.bool
 
 def mean_colors(rgb: NDArray[np.uint8], box: NDArray[np.float32]) -> NDArray[np.float32]:
     """Mean colour (n, 3) of the inner half of each box (n, 4): most of its corners show the background."""
-    quarter = (box[:, 2:] - box[:, :2]) / 4
-    low = np.floor(box[:, :2] + quarter).astype(int)
-    high = np.maximum(np.ceil(box[:, 2:] - quarter).astype(int), low + 1)
-    inner = np.concatenate([low, high], 1).tolist()
-    means = [cv2.mean(rgb[y0:y1, x0:x1])[:3] for x0, y0, x1, y1 in inner]
-    return np.array(means, np.float32).reshape(-1, 3)
+    require_image(rgb)
+    require_array(box, "box", np.float32, (None, 4))
+    mean = np.empty((len(box), 3), np.float32)
+    _mean_colors(rgb, box, mean)
+    return mean
+
+
+@compiled
+def _mean_colors(rgb: Any, box: Any, mean: Any) -> None:
+    for n in range(len(box)):
+        quarter = (box[n, 2:] - box[n, :2]) / np.float32(4)
+        left, top = np.floor(box[n, :2] + quarter)
+        right, bottom = np.ceil(box[n, 2:] - quarter)
+        columns = range(max(int(left), 0), min(int(max(right, left + 1)), rgb.shape[1]))
+        rows = range(max(int(top), 0), min(int(max(bottom, top + 1)), rgb.shape[0]))
+        total = np.zeros(3, np.int64)
+        for i in rows:
+            for j in columns:
+                for k in range(3):
+                    total[k] += rgb[i, j, k]
+        mean[n] = total / max(len(rows) * len(columns), 1)

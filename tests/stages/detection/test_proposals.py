@@ -8,8 +8,8 @@ import pytest
 
 from wayside.schemas.detections import SOURCES, Segmentation
 from wayside.schemas.frame import THINNED, USED, Camera
-from wayside.stages.detection import DetectionNetwork, propose
-from wayside.stages.detection.proposals import MOST_BOXES, SAME_BOX_IOU, fitting
+from wayside.stages.detection import MAPS, STRIDE, DetectionNetwork, Maps, fits_face, propose
+from wayside.stages.detection.proposals import MOST_BOXES, SAME_BOX_IOU
 from wayside.stages.geometry import iou_matrix
 
 from ..made_frames import made_image, made_regions
@@ -76,9 +76,9 @@ def test_an_image_of_short_focal_length_is_seen_as_large_as_those_learned_from(f
 
 def test_faces_are_searched_for_as_tall_as_the_network_sees_them():
     camera = replace(CAMERA, fx=350.0, fy=350.0)
-    boxes = [[100, 100, 106, 104], [200, 100, 206, 103]]
-    assert fitting(segmented(boxes), camera).regions.box.tolist() == boxes[:1]
-    assert len(fitting(segmented(boxes), CAMERA).regions) == 0
+    boxes = np.array([[100, 100, 106, 104], [200, 100, 206, 103]], np.float32)
+    assert fits_face(boxes, camera).tolist() == [True, False]
+    assert not fits_face(boxes, CAMERA).any()
 
 
 def test_no_more_boxes_of_the_network_than_asked_for():
@@ -109,9 +109,12 @@ def test_a_face_that_is_seen_at_both_sizes_has_one_box():
     assert overlap.max() <= SAME_BOX_IOU
 
 
-def test_segments_of_the_size_of_a_face_stay_and_others_are_counted_with_their_reason():
-    item = segmented([[10, 20, 40, 50], [10, 20, 40, 51], [0, 0, 630, 20], [5, 5, 9, 9]])
-    found = fitting(item, CAMERA)
-    assert found.regions.box.tolist() == [[10, 20, 40, 50]]
-    assert (found.dropped.size, found.dropped.merged) == (2, 1)
-    assert found.network_score is None
+def test_boxes_that_no_face_has_the_size_of_are_counted():
+    class Wide:
+        def maps(self, rgb):
+            maps = np.full((MAPS, rgb.shape[0] // STRIDE, rgb.shape[1] // STRIDE), -9, np.float32)
+            maps[[0, 2, 3, 4, 5], 30, 40] = 1, 0, 0, np.log(8), 0
+            return Maps.of(maps)
+
+    found = next(propose(iter([segmented().image]), network=Wide()))
+    assert (len(found.regions), found.dropped.size, found.dropped.merged) == (0, 2, 0)
