@@ -21,9 +21,9 @@ from wayside.stages.geometry import non_maximum_suppression
 
 SAME_FACE_IOU = 0.4
 """Accepted boxes that overlap a better one more are suppressed (chosen by hand)."""
-REGRESSED_FROM = -1.5
+REGRESSED_FROM = -1.0
 """Boxes of so much more than the threshold, as a front or a back, are moved onto the panel and classified again, log
-odds: of 1,422 fronts accepted on three drives 6 had less before, and one of these was a face."""
+odds: of 6,183 views of signs on 23 drives 1 % had less before, and no sign is lost."""
 LARGEST_OFFSET = 1.5
 """Box regression moves sides no farther, by the size of the box (chosen by hand)."""
 
