@@ -44,7 +44,8 @@ def _shown(
 ) -> tuple[NDArray[np.uint8], int, int, int]:
     """The part of an image that the patch of a box shows, `scale` smaller, and its left column and top row there."""
     x0, y0, x1, y1 = box.tolist()
-    beside, above = (x1 - x0) / 2, (y1 - y0) / 2
+    around = (SIDE - INNER) / 2 / INNER
+    beside, above = around * (x1 - x0) + scale, around * (y1 - y0) + scale
     left = int(min(max(x0 - beside, 0), rgb.shape[1] - scale)) // scale
     top = int(min(max(y0 - above, 0), rgb.shape[0] - scale)) // scale
     right, bottom = int(x1 + beside) // scale + 1, int(y1 + above) // scale + 1
