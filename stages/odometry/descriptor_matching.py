@@ -40,22 +40,31 @@ def match_in_bands(
     best = np.full((2, m), -1, np.int64)
     if m > 0:
         kinds = descriptors.view(np.uint64), others.view(np.uint64)
-        _match(bands, *kinds, points, _by_cell(points), farthest, ratio, best)
+        _match(bands, *kinds, points, farthest, ratio, best)
     found = np.flatnonzero(best[0] >= 0)
     found = found[np.argsort(best[1, found], kind="stable")]
     return np.stack([best[0, found], found], axis=1)
 
 
+@compiled_within
 def _by_cell(points: Array) -> tuple[Numbers, Numbers, Array, int, int]:
     # Points by cell, row after row, and the place of the first of each cell in that order. Corner and size of the grid.
-    across = points.T.copy()
-    low = across.min(axis=1)
-    column, row = ((across - low[:, None]) / CELL_PX).astype(np.int64)
-    columns, rows = int(column.max()) + 1, int(row.max()) + 1
-    key = row * columns + column
-    first = np.cumsum(np.bincount(key + 1, minlength=columns * rows + 1))
-    # numbers of 16 bits are sorted several times as fast
-    order = np.argsort(key.astype(np.min_scalar_type(columns * rows)), kind="stable")
+    low, high = points[0].copy(), points[0].copy()
+    for j in range(len(points)):
+        for k in range(2):
+            low[k], high[k] = min(low[k], points[j, k]), max(high[k], points[j, k])
+    columns, rows = int((high[0] - low[0]) / CELL_PX) + 1, int((high[1] - low[1]) / CELL_PX) + 1
+    order, key = np.empty((2, len(points)), np.int64)
+    first = np.zeros(columns * rows + 2, np.int64)
+    for j in range(len(points)):
+        row = int((points[j, 1] - low[1]) / CELL_PX)
+        key[j] = row * columns + int((points[j, 0] - low[0]) / CELL_PX)
+        first[key[j] + 2] += 1
+    for k in range(2, len(first)):
+        first[k] += first[k - 1]
+    for j in range(len(points)):
+        order[first[key[j] + 1]] = j
+        first[key[j] + 1] += 1
     return order, first, low, columns, rows
 
 
@@ -76,40 +85,43 @@ def _match(
     descriptors: NDArray[np.uint64],
     others: NDArray[np.uint64],
     points: Array,
-    grid: tuple[Numbers, Numbers, Array, int, int],
     farthest: int,
     ratio: float,
     best: Numbers,
 ) -> None:
     # Fills the first corner that each second one matches best, and their distance.
-    order, first, low, columns, rows = grid
-    candidates, distances = np.empty((2, points.shape[0]), np.int64)
+    order, first, low, columns, rows = _by_cell(points)
+    candidates, distances = np.empty((2, points.shape[0] + 1), np.int64)
+    place = points[order]
     for i in range(bands.shape[0]):
         u, v, du, dv, length, width = bands[i]
         # the cells that the band's box touches; clipped so that a band outside touches none
-        left = np.floor((min(u, u + length * du) - width - low[0]) / CELL_PX)
-        right = np.floor((max(u, u + length * du) + width - low[0]) / CELL_PX)
-        top = np.floor((min(v, v + length * dv) - width - low[1]) / CELL_PX)
-        bottom = np.floor((max(v, v + length * dv) + width - low[1]) / CELL_PX)
+        left = (min(u, u + length * du) - width - low[0]) / CELL_PX
+        right = (max(u, u + length * du) + width - low[0]) / CELL_PX
+        top = (min(v, v + length * dv) - width - low[1]) / CELL_PX
+        bottom = (max(v, v + length * dv) + width - low[1]) / CELL_PX
         if not (left < columns and top < rows and right >= 0 and bottom >= 0):
             continue
         column_from, column_to = int(max(0.0, left)), int(min(columns - 1.0, right))
-        row_from, row_to = int(max(0.0, top)), int(min(rows - 1.0, bottom))
-        count, least, winner = 0, 257, -1
-        for row in range(row_from, row_to + 1):
-            begin = first[row * columns + column_from]
-            for j in order[begin : first[row * columns + column_to + 1]]:
-                x, y = points[j, 0] - u, points[j, 1] - v
+        count = 0
+        for row in range(int(max(0.0, top)), int(min(rows - 1.0, bottom)) + 1):
+            begin, end = first[row * columns + column_from], first[row * columns + column_to + 1]
+            for k in range(np.uint64(begin), np.uint64(end)):
+                x, y = place[k, 0] - u, place[k, 1] - v
                 along = x * du + y * dv
-                if abs(x * dv - y * du) > width or along < -width or along > length + width:
-                    continue
-                bits = 0
-                for word in range(4):
-                    bits += int(_bits(descriptors[i, word] ^ others[j, word]))
-                candidates[count], distances[count] = j, bits
-                count += 1
-                if bits < least:
-                    least, winner = bits, j
+                candidates[np.uint64(count)] = order[k]
+                inside = (
+                    (abs(x * dv - y * du) <= width) & (along >= -width) & (along <= length + width)
+                )
+                count += int(inside)
+        least, winner = 257, -1
+        for k in range(count):
+            bits = 0
+            for word in range(4):
+                bits += int(_bits(descriptors[i, word] ^ others[np.uint64(candidates[k]), word]))
+            distances[k] = bits
+            if bits < least:
+                least, winner = bits, candidates[k]
         if winner < 0 or least > farthest:
             continue
         second = 257

@@ -185,9 +185,12 @@ def _residuals(problem: _Problem, rotations: Array, centres: Array, result: Arra
 def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
     residuals, n = estimate.residuals, problem.previous.shape[0]
     _residuals(problem, estimate.rotations, estimate.centres, residuals)
-    of_rays, of_prior = 0.0, 0.0
-    for i in range(n):
-        of_rays += np.log1p((residuals[i] / problem.scale_px) ** 2)
+    of_rays, of_prior, product = 0.0, 0.0, 1.0
+    for i in range(n):  # a logarithm costs as much as a hundred products
+        product *= 1.0 + (residuals[i] / problem.scale_px) ** 2
+        if product > 1e150:
+            of_rays, product = of_rays + np.log(product), 1.0
+    of_rays += np.log(product)
     for i in range(n, n + 6):
         of_prior += residuals[i] ** 2
     return of_rays * (problem.scale_px / problem.sigma_px) ** 2 + of_prior

@@ -67,7 +67,7 @@ def tie_corners(
         codes = np.empty((len(places), 32), np.uint8)
         smooth = np.asarray(cv2.blur(level, (BLUR_PX, BLUR_PX)), np.uint8)
         offsets = PATTERN.astype(np.int64).reshape(-1, 2, 2) @ [1, level.shape[1]]
-        _describe(smooth, places, offsets, codes)
+        _describe(smooth, places, offsets.view(np.uint64), codes)
         # Pixel centres are at integers: the centre of a block of s pixels lies (s - 1) / 2 from its first.
         scale = np.array([grey.shape[1] / level.shape[1], grey.shape[0] / level.shape[0]])
         corners.append(((places + 0.5) * scale - 0.5).astype(np.float32))
@@ -101,29 +101,39 @@ def _fill_strength(level: NDArray[np.uint8], strength: NDArray[np.uint8]) -> Non
 
 @compiled
 def _fill_strongest(strength: NDArray[np.uint8], best: NDArray[np.int64]) -> None:
+    # A pixel takes part that is no weaker than those around it, and stronger than the weakest of its cell so far.
     height, width = strength.shape
+    part = slice(MARGIN_PX - 1, width - MARGIN_PX + 1)
+    least, peaks = np.zeros((2, -(-width // CORNER_CELL_PX) * CORNER_CELL_PX), np.uint8)
+    eights = peaks.view(np.uint64)
     for y in range(MARGIN_PX, height - MARGIN_PX):
-        above, row, below = strength[y - 1], strength[y], strength[y + 1]
-        for left in range(MARGIN_PX, width - MARGIN_PX, CORNER_CELL_PX):
-            values = best[(y - MARGIN_PX) // CORNER_CELL_PX, (left - MARGIN_PX) // CORNER_CELL_PX]
-            right, weakest = min(left + CORNER_CELL_PX, width - MARGIN_PX), (values[-1] >> 32) + 1
-            peak = row[left]
-            for x in range(left, right):
-                peak = max(peak, row[x])
-            if peak <= weakest:
+        cells = best[(y - MARGIN_PX) // CORNER_CELL_PX]
+        if (y - MARGIN_PX) % CORNER_CELL_PX == 0:
+            least[:] = CORNER_CONTRAST
+        _keep_peaks(strength[y - 1, part], strength[y, part], strength[y + 1, part], least, peaks)
+        for n in range(len(eights)):
+            if eights[n] == 0:
                 continue
-            for x in range(left, right):
-                if row[x] <= weakest:
+            values = cells[8 * n // CORNER_CELL_PX]
+            for x in range(8 * n, 8 * n + 8):
+                if peaks[x] <= (values[-1] >> 32) + 1:
                     continue
-                around = max(above[x - 1], above[x], above[x + 1], row[x - 1])
-                if row[x] < max(around, row[x + 1], below[x - 1], below[x], below[x + 1]):
-                    continue
-                found, k = (int(row[x]) << 32) - (y * width + x), len(values) - 1
+                found, k = (int(peaks[x]) << 32) - (y * width + x + MARGIN_PX), len(values) - 1
                 while k > 0 and values[k - 1] < found:
                     values[k] = values[k - 1]
                     k -= 1
                 values[k] = found
-                weakest = (values[-1] >> 32) + 1
+            begin = 8 * n // CORNER_CELL_PX * CORNER_CELL_PX
+            least[begin : begin + CORNER_CELL_PX] = min(255, (values[-1] >> 32) + 2)
+
+
+@compiled_within
+def _keep_peaks(above: Any, row: Any, below: Any, least: Any, peaks: Any) -> None:
+    # The strengths of a row, 0 where one of the eight around is larger, or the least wanted.
+    for x in range(len(row) - 2):
+        around = max(above[x], above[x + 1], above[x + 2], row[x], row[x + 2])
+        around = max(around, below[x], below[x + 1], below[x + 2], least[x])
+        peaks[x] = row[x + 1] * np.uint8(row[x + 1] >= around)
 
 
 @compiled_within
@@ -152,12 +162,12 @@ def _raise_strength(above: Any, centre: Any, below: Any, strength: Any) -> None:
 def _describe(
     smooth: NDArray[np.uint8],
     places: NDArray[np.int64],
-    offsets: NDArray[np.int64],
+    offsets: NDArray[np.uint64],
     codes: NDArray[np.uint8],
 ) -> None:
     pixels, width = smooth.reshape(-1), smooth.shape[1]
     for n in range(places.shape[0]):
-        at = places[n, 1] * width + places[n, 0]
+        at = np.uint64(places[n, 1] * width + places[n, 0])
         for k in range(0, 256, 8):
             code = 0
             for bit in range(8):

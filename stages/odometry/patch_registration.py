@@ -30,10 +30,12 @@ SMALLEST_CORRELATION = 0.85
 SCALE_STEP = 0.2
 """Relative change of scale in one step of the fit at most."""
 RADIUS = 7
-SIDE = 2 * RADIUS + 1
-"""Array layout: a patch is (SIDE, SIDE) pixels."""
+SIDE, ROW, LONG = 2 * RADIUS + 1, 2 * RADIUS + 3, 256
+"""Array layout: a patch is (SIDE, SIDE) pixels, in rows of ROW, the last two of which are zero, padded to LONG."""
+OFF_V, OFF_U = np.divmod(np.arange(LONG, dtype=np.int32), np.int32(ROW)) - np.int32(RADIUS)
+INSIDE = ((OFF_U <= RADIUS) & (OFF_V <= RADIUS)).astype(np.int32)
 PIXELS = SIDE * SIDE
-FREEDOM = SIDE * SIDE - 5.0
+FREEDOM = PIXELS - 5.0
 """Pixels of a patch less the unknowns: two of position, scale, gain, bias."""
 
 
@@ -139,33 +141,41 @@ def _coarse(
 
 @compiled_within
 def _template(
-    far: NDArray[np.uint8], u: int, v: int, template: Pixels, sums: Array, normal: Array
+    far: NDArray[np.uint8],
+    u: int,
+    v: int,
+    window: NDArray[np.uint8],
+    template: Pixels,
+    sums: Array,
+    normal: Array,
 ) -> float:
     # The patch round a whole pixel, and twice its derivatives by position and scale; their sums with the mean and the
     # patch, and the upper half of their normal matrix. There they are orthogonal to gain and bias, which then need no
     # unknowns of their own. Returns the sum of squares of the patch less its mean. Whole numbers add up in any order,
-    # so the processor adds several at a time.
-    left = u - RADIUS - 1
-    for i in range(SIDE):
-        y, values = v + i - RADIUS, template[:, i * SIDE : (i + 1) * SIDE]
-        row, above, below = far[y, left:], far[y - 1, left:], far[y + 1, left:]
-        for j in range(SIDE):
-            by_u, by_v = int(row[j + 2]) - int(row[j]), int(below[j + 1]) - int(above[j + 1])
-            values[0, j], values[1, j], values[2, j] = row[j + 1], by_u, by_v
-            values[3, j] = by_u * (j - RADIUS) + by_v * (i - RADIUS)
+    # so the processor adds several at a time; none of the sums exceeds 32 bits.
+    for i in range(SIDE + 2):
+        row = far[v + i - RADIUS - 1, u - RADIUS - 1 :]
+        for j in range(ROW):
+            window[i * ROW + j] = row[j]
+    for n in range(LONG):
+        inside = int(INSIDE[n])
+        by_u = inside * (int(window[n + ROW + 2]) - int(window[n + ROW]))
+        by_v = inside * (int(window[n + 2 * ROW + 1]) - int(window[n + 1]))
+        template[0, n], template[1, n], template[2, n] = inside * window[n + ROW + 1], by_u, by_v
+        template[3, n] = by_u * OFF_U[n] + by_v * OFF_V[n]
     for k in range(4):
-        total, product = 0, 0
-        for n in range(SIDE * SIDE):
-            total += int(template[k, n])
-            product += int(template[k, n]) * int(template[0, n])
+        total, product = np.int32(0), np.int32(0)
+        for n in range(LONG):
+            total = np.int32(total + template[k, n])
+            product = np.int32(product + template[k, n] * template[0, n])
         sums[0, k], sums[1, k] = total / PIXELS, product
     square: float = sums[1, 0] - sums[0, 0] ** 2 * PIXELS
     for k in range(1, 4):
         sums[1, k] = (sums[1, k] - sums[0, k] * sums[0, 0] * PIXELS) / square
         for m in range(1, k + 1):
-            product = 0
-            for n in range(SIDE * SIDE):
-                product += int(template[k, n]) * int(template[m, n])
+            product = np.int32(0)
+            for n in range(LONG):
+                product = np.int32(product + template[k, n] * template[m, n])
             normal[m - 1, k - 1] = 0.25 * (
                 product - sums[0, k] * sums[0, m] * PIXELS - sums[1, k] * sums[1, m] * square
             )
@@ -200,10 +210,10 @@ def _fit(
                 a, b = int(row[column]), int(below[column])
                 a = 256 * a + fx * (int(row[column + np.uint64(1)]) - a)
                 b = 256 * b + fx * (int(below[column + np.uint64(1)]) - b)
-                patch[i * SIDE + j] = 256 * a + fy * (b - a)
+                patch[i * ROW + j] = 256 * a + fy * (b - a)
                 x += across
         total, squares, p0, p1, p2, p3 = 0, 0, 0, 0, 0, 0
-        for n in range(SIDE * SIDE):
+        for n in range(LONG):
             value = int(patch[n])
             total, squares = total + value, squares + value * value
             p0, p1 = p0 + template[0, n] * value, p1 + template[1, n] * value
@@ -247,9 +257,10 @@ def _register(  # noqa: PLR0913 - arrays of a kernel
     sigmas: Array,
 ) -> None:
     height, width = far.shape
-    template, patch = np.empty((4, SIDE * SIDE), np.int32), np.empty(SIDE * SIDE, np.int32)
+    template, patch = np.empty((4, LONG), np.int32), np.zeros(LONG, np.int32)
     sums, position = np.empty((2, 4)), np.empty(3)
     normal, inverse = np.empty((3, 3)), np.empty((3, 3))
+    window = np.zeros(LONG + 2 * ROW + 2, np.uint8)
     columns = np.empty((SIDE, SIDE), np.int64)
     edge = RADIUS + 1
     for n in range(corners.shape[0]):
@@ -258,7 +269,7 @@ def _register(  # noqa: PLR0913 - arrays of a kernel
             continue
         if not _inside(near, starts[n, 0], starts[n, 1], warps[n], 1.0, 0.0):
             continue
-        square = _template(far, u, v, template, sums, normal)
+        square = _template(far, u, v, window, template, sums, normal)
         if square < (LEAST_TEXTURE * SIDE) ** 2:
             continue
         if invert_symmetric(normal, 0.0, 0.0, inverse) <= 1e-9:
