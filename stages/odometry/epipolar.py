@@ -189,8 +189,8 @@ def _evaluate(problem: _Problem, estimate: _Estimate) -> float:
     for i in range(n):  # a logarithm costs as much as a hundred products
         product *= 1.0 + (residuals[i] / problem.scale_px) ** 2
         if product > 1e150:
-            of_rays, product = of_rays + np.log(product), 1.0
-    of_rays += np.log(product)
+            of_rays, product = of_rays + float(np.log(product)), 1.0
+    of_rays += float(np.log(product))
     for i in range(n, n + 6):
         of_prior += residuals[i] ** 2
     return of_rays * (problem.scale_px / problem.sigma_px) ** 2 + of_prior

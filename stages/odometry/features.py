@@ -64,32 +64,29 @@ def tie_corners(
         if index > 0:
             level = cv2.resize(level, None, fx=1 / PYRAMID_SCALE, fy=1 / PYRAMID_SCALE)
         places = _strongest(np.asarray(level, np.uint8), settings.corners_per_cell)
-        codes = np.empty((len(places), 32), np.uint8)
         smooth = np.asarray(cv2.blur(level, (BLUR_PX, BLUR_PX)), np.uint8)
         offsets = PATTERN.astype(np.int64).reshape(-1, 2, 2) @ [1, level.shape[1]]
-        _describe(smooth, places, offsets.view(np.uint64), codes)
         # Pixel centres are at integers: the centre of a block of s pixels lies (s - 1) / 2 from its first.
         scale = np.array([grey.shape[1] / level.shape[1], grey.shape[0] / level.shape[0]])
         corners.append(((places + 0.5) * scale - 0.5).astype(np.float32))
-        descriptors.append(codes)
+        descriptors.append(_described(smooth, places, offsets.view(np.uint64)))
     return np.concatenate(corners), np.concatenate(descriptors)
 
 
 def _strongest(level: NDArray[np.uint8], most: int) -> NDArray[np.int64]:
     """Places (n, 2) of the strongest corners of each cell, no weaker than their neighbours; the strongest first."""
-    strength = np.zeros_like(level)
-    _fill_strength(level, strength)
     # whole numbers that order corners by strength, then by place, row after row
     rows, columns = (1 + side // CORNER_CELL_PX for side in level.shape)
     least = (CORNER_CONTRAST - 1 << 32) - level.size
     best = np.full((rows, columns, most), least)
-    _fill_strongest(strength, best)
+    _fill_strongest(_strength(level), best)
     place = -np.sort(best[best > least])[::-1] & 0xFFFFFFFF
     return np.column_stack([place % level.shape[1], place // level.shape[1]])
 
 
 @compiled
-def _fill_strength(level: NDArray[np.uint8], strength: NDArray[np.uint8]) -> None:
+def _strength(level: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    strength = np.zeros_like(level)
     height, left, right = level.shape[0], MARGIN_PX, level.shape[1] - MARGIN_PX
     part = slice(left - 3, right + 3)
     for grey in (level, ~level):
@@ -97,6 +94,7 @@ def _fill_strength(level: NDArray[np.uint8], strength: NDArray[np.uint8]) -> Non
             above = grey[y - 3, part], grey[y - 2, part], grey[y - 1, part]
             below = grey[y + 1, part], grey[y + 2, part], grey[y + 3, part]
             _raise_strength(above, grey[y, part], below, strength[y, left:right])
+    return strength
 
 
 @compiled
@@ -159,12 +157,10 @@ def _raise_strength(above: Any, centre: Any, below: Any, strength: Any) -> None:
 
 
 @compiled
-def _describe(
-    smooth: NDArray[np.uint8],
-    places: NDArray[np.int64],
-    offsets: NDArray[np.uint64],
-    codes: NDArray[np.uint8],
-) -> None:
+def _described(
+    smooth: NDArray[np.uint8], places: NDArray[np.int64], offsets: NDArray[np.uint64]
+) -> NDArray[np.uint8]:
+    codes = np.empty((len(places), 32), np.uint8)
     pixels, width = smooth.reshape(-1), smooth.shape[1]
     for n in range(places.shape[0]):
         at = np.uint64(places[n, 1] * width + places[n, 0])
@@ -174,3 +170,4 @@ def _describe(
                 darker = pixels[at + offsets[k + bit, 0]] < pixels[at + offsets[k + bit, 1]]
                 code |= int(darker) << bit
             codes[n, k // 8] = code
+    return codes

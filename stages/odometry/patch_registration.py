@@ -32,7 +32,8 @@ SCALE_STEP = 0.2
 RADIUS = 7
 SIDE, ROW, LONG = 2 * RADIUS + 1, 2 * RADIUS + 3, 256
 """Array layout: a patch is (SIDE, SIDE) pixels, in rows of ROW, the last two of which are zero, padded to LONG."""
-OFF_V, OFF_U = np.divmod(np.arange(LONG, dtype=np.int32), np.int32(ROW)) - np.int32(RADIUS)
+_PLACE = np.arange(LONG, dtype=np.int32)
+OFF_U, OFF_V = _PLACE % ROW - RADIUS, _PLACE // ROW - RADIUS
 INSIDE = ((OFF_U <= RADIUS) & (OFF_V <= RADIUS)).astype(np.int32)
 PIXELS = SIDE * SIDE
 FREEDOM = PIXELS - 5.0
@@ -40,6 +41,7 @@ FREEDOM = PIXELS - 5.0
 
 
 Pixels = NDArray[np.int32]
+Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 
 
 class PatchRegistration(NamedTuple):
@@ -82,8 +84,21 @@ def register_patches(
     require_array(starts, "starts", np.float64, (n, 2))
     require_array(warps, "warps", np.float64, (n, 3))
     found = PatchRegistration(np.full((n, 2), np.nan), np.ones(n), np.zeros(n), np.full(n, np.inf))
-    _register(far, near, corners, starts, warps, search_px, *found)
+    _register((far, near), corners, starts, warps, search_px, found)
     return found
+
+
+class _Work(NamedTuple):
+    """Of one patch: far pixels with derivatives (4, LONG), near pixels; sums (2, 4), normal matrix, position, scale."""
+
+    template: Pixels
+    patch: Pixels
+    window: NDArray[np.uint8]
+    sums: Array
+    normal: Array
+    inverse: Array
+    position: Array
+    columns: NDArray[np.int64]
 
 
 @compiled_within
@@ -100,16 +115,10 @@ def _inside(
 
 @compiled_within
 def _coarse(
-    far: NDArray[np.uint8],
-    near: NDArray[np.uint8],
-    u: int,
-    v: int,
-    start: Array,
-    warp: Array,
-    search: int,
-    columns: NDArray[np.int64],
+    images: Images, u: int, v: int, start: Array, warp: Array, search: int, work: _Work
 ) -> tuple[float, float]:
     # The whole-pixel shift of best correlation, by every second pixel of the patch: sums of whole numbers.
+    (far, near), columns = images, work.columns
     best, best_u, best_v = -1.0, start[0], start[1]
     if not _inside(near, start[0], start[1], warp, 1.0, search + 1.0):
         return best_u, best_v
@@ -140,19 +149,12 @@ def _coarse(
 
 
 @compiled_within
-def _template(
-    far: NDArray[np.uint8],
-    u: int,
-    v: int,
-    window: NDArray[np.uint8],
-    template: Pixels,
-    sums: Array,
-    normal: Array,
-) -> float:
+def _template(far: NDArray[np.uint8], u: int, v: int, work: _Work) -> float:
     # The patch round a whole pixel, and twice its derivatives by position and scale; their sums with the mean and the
     # patch, and the upper half of their normal matrix. There they are orthogonal to gain and bias, which then need no
     # unknowns of their own. Returns the sum of squares of the patch less its mean. Whole numbers add up in any order,
     # so the processor adds several at a time; none of the sums exceeds 32 bits.
+    template, window, sums, normal = work.template, work.window, work.sums, work.normal
     for i in range(SIDE + 2):
         row = far[v + i - RADIUS - 1, u - RADIUS - 1 :]
         for j in range(ROW):
@@ -183,19 +185,11 @@ def _template(
 
 
 @compiled_within
-def _fit(
-    near: NDArray[np.uint8],
-    template: Pixels,
-    square: float,
-    sums: Array,
-    inverse: Array,
-    warp: Array,
-    position: Array,
-    patch: NDArray[np.int32],
-) -> float:
+def _fit(near: NDArray[np.uint8], square: float, warp: Array, work: _Work) -> float:
     # Gauss-Newton on position (u, v, scale), in position; returns the correlation, 0 where the patch leaves the image.
     # It ends where the correlation falls: a patch that has no place, or slides along an edge, goes on to the limit.
-    zncc, last = 0.0, 0.0
+    template, patch, sums, inverse = work.template, work.patch, work.sums, work.inverse
+    zncc, last, position = 0.0, 0.0, work.position
     for _ in range(ITERATIONS):
         u, v, scale = position
         if not _inside(near, u, v, warp, scale, 0.0):
@@ -244,24 +238,20 @@ def _fit(
 
 
 @compiled
-def _register(  # noqa: PLR0913 - arrays of a kernel
-    far: NDArray[np.uint8],
-    near: NDArray[np.uint8],
+def _register(
+    images: Images,
     corners: NDArray[np.int64],
     starts: Array,
     warps: Array,
     search: int,
-    points: Array,
-    scales: Array,
-    znccs: Array,
-    sigmas: Array,
+    found: PatchRegistration,
 ) -> None:
-    height, width = far.shape
+    (far, near), (height, width) = images, images[0].shape
     template, patch = np.empty((4, LONG), np.int32), np.zeros(LONG, np.int32)
+    window, columns = np.zeros(LONG + 2 * ROW + 2, np.uint8), np.empty((SIDE, SIDE), np.int64)
     sums, position = np.empty((2, 4)), np.empty(3)
     normal, inverse = np.empty((3, 3)), np.empty((3, 3))
-    window = np.zeros(LONG + 2 * ROW + 2, np.uint8)
-    columns = np.empty((SIDE, SIDE), np.int64)
+    work = _Work(template, patch, window, sums, normal, inverse, position, columns)
     edge = RADIUS + 1
     for n in range(corners.shape[0]):
         u, v = corners[n, 0], corners[n, 1]
@@ -269,14 +259,14 @@ def _register(  # noqa: PLR0913 - arrays of a kernel
             continue
         if not _inside(near, starts[n, 0], starts[n, 1], warps[n], 1.0, 0.0):
             continue
-        square = _template(far, u, v, window, template, sums, normal)
+        square = _template(far, u, v, work)
         if square < (LEAST_TEXTURE * SIDE) ** 2:
             continue
         if invert_symmetric(normal, 0.0, 0.0, inverse) <= 1e-9:
             continue  # singular
-        position[0], position[1] = _coarse(far, near, u, v, starts[n], warps[n], search, columns)
+        position[0], position[1] = _coarse(images, u, v, starts[n], warps[n], search, work)
         position[2] = 1.0
-        zncc = _fit(near, template, square, sums, inverse, warps[n], position, patch)
+        zncc = _fit(near, square, warps[n], work)
         shift = max(abs(position[0] - starts[n, 0]), abs(position[1] - starts[n, 1]))
         if (
             zncc < SMALLEST_CORRELATION
@@ -284,9 +274,9 @@ def _register(  # noqa: PLR0913 - arrays of a kernel
             or not 1 / SCALE_CHANGE < position[2] < SCALE_CHANGE
         ):
             continue
-        points[n, 0], points[n, 1] = position[0], position[1]
-        scales[n], znccs[n] = position[2], zncc
+        found.point[n, 0], found.point[n, 1] = position[0], position[1]
+        found.scale[n], found.zncc[n] = position[2], zncc
         half = 0.5 * (inverse[0, 0] - inverse[1, 1])
         middle = 0.5 * (inverse[0, 0] + inverse[1, 1])
         largest = middle + np.sqrt(half * half + inverse[0, 1] ** 2)  # eigenvalue of the position
-        sigmas[n] = np.sqrt(largest * square * (1.0 - zncc * zncc) / FREEDOM)
+        found.sigma[n] = np.sqrt(largest * square * (1.0 - zncc * zncc) / FREEDOM)

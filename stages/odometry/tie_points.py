@@ -5,6 +5,7 @@ matches do not depend on the assumed length of the step.
 """
 
 from dataclasses import dataclass
+from math import nan
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +13,8 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import Detections
 from wayside.schemas.frame import Camera
-from wayside.stages.geometry import distort_points, ideal_of_rays, ideal_points, rays_of_ideal
-from wayside.stages.kernels import Array, compiled
+from wayside.stages.geometry import distort_points, ideal_points
+from wayside.stages.kernels import Array, compiled, compiled_within
 from wayside.stages.odometry.descriptor_matching import match_in_bands
 from wayside.stages.odometry.patch_registration import register_patches
 
@@ -98,26 +99,12 @@ class PairMotion:
     direction: Array
     ground: GroundPlane | None = None
 
-    def far_points(self, rows: NDArray[np.int64] | slice) -> tuple[Array, Array]:
-        """Ideal pixels (n, 2) of the first image's corners in the second one, if at infinity, and its epipole (2,)."""
-        rays = rays_of_ideal(self.before.camera, self.before.ideal[rows])
-        turned = rays @ self.rotation[:2] + self.rotation[2]
-        far = ideal_of_rays(self.now.camera, turned[:, :2] / np.maximum(turned[:, 2:], 1e-6))
-        toward = self.rotation.T @ self.direction
-        epipole = ideal_of_rays(self.now.camera, (toward[:2] / toward[2])[None])[0]
-        return far, epipole
-
-    def on_road(self, ideal: Array, ground: GroundPlane) -> tuple[Array, Array]:
-        """Ideal pixels (n, 2) of road points in the second image, and the warp (n, 3) of their surroundings."""
-        steps = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-        rays = rays_of_ideal(self.before.camera, (ideal + steps[:, None]).reshape(-1, 2))
-        solid = np.hstack([rays, np.ones((len(rays), 1))])
-        depth = ground.height_m / np.maximum(solid @ ground.down, 1e-6)
-        local = (solid * depth[:, None] - ground.baseline_m * self.direction) @ self.rotation
-        seen = ideal_of_rays(self.now.camera, local[:, :2] / np.maximum(local[:, 2:], 1e-6))
-        place, along_u, along_v = seen.reshape(3, -1, 2)
-        by_u, by_v = along_u - place, along_v - place
-        return place, np.column_stack([by_u[:, 0], by_v[:, 0], by_v[:, 1]])
+    @property
+    def view(self) -> "_View":
+        """The same for kernels: rotation, direction, both lenses (2, 4) as fx, fy, cx, cy; the road, nan if unknown."""
+        lenses = [(c.fx, c.fy, c.cx, c.cy) for c in (self.before.camera, self.now.camera)]
+        rotation = np.ascontiguousarray(self.rotation)
+        return rotation, self.direction, np.array(lenses), *(self.ground or _NO_GROUND)
 
     def matches(
         self, slack_px: float, bits: int, ratio: float, every: int = 1
@@ -127,15 +114,89 @@ class PairMotion:
         `slack_px`: half width of the bands. `bits`, `ratio`: largest descriptor distance, and its largest ratio to the
         second best. `every`: one in so many corners of the first image is searched for.
         """
-        some = slice(None, None, every)
-        far, epipole = self.far_points(some)
-        outward = far - epipole
-        reach = np.sqrt(outward[:, 0] ** 2 + outward[:, 1] ** 2)
-        outward /= np.maximum(reach, 1e-9)[:, None]
-        length = np.minimum(reach * (LARGEST_GROWTH - 1), LONGEST_PX)
-        bands = np.column_stack([far, outward, length, np.full(len(far), slack_px)])
-        now, codes = self.now, np.ascontiguousarray(self.before.descriptors[some])
+        now, codes = self.now, np.ascontiguousarray(self.before.descriptors[::every])
+        bands = np.full((len(codes), 6), slack_px)
+        _fill_bands(self.view, self.before.ideal, every, bands)
         return match_in_bands(bands, codes, now.ideal, now.descriptors, bits, ratio) * (every, 1)
+
+
+_View = tuple[Array, Array, Array, Array, float, float]
+_NO_GROUND = GroundPlane(np.zeros(3), nan, nan)
+
+
+@compiled_within
+def _seen(view: _View, u: float, v: float, depth: float, travel: float) -> tuple[float, float]:
+    # Ideal pixel in the second image, so far along the direction, of the point at a pixel of the first and a depth.
+    r, t, (fu, fv, cu, cv) = view[0], view[1], view[2][0]
+    x, z = (u - cu) / fu * depth - travel * t[0], depth - travel * t[2]
+    y = (v - cv) / fv * depth - travel * t[1]
+    ahead = max(r[0, 2] * x + r[1, 2] * y + r[2, 2] * z, 1e-6)
+    across, below = r[0, 0] * x + r[1, 0] * y + r[2, 0] * z, r[0, 1] * x + r[1, 1] * y + r[2, 1] * z
+    fu, fv, cu, cv = view[2][1]
+    return across / ahead * fu + cu, below / ahead * fv + cv
+
+
+@compiled_within
+def _epipole(view: _View) -> tuple[float, float]:
+    backward = (
+        view[0][0, 2] * view[1][0] + view[0][1, 2] * view[1][1] + view[0][2, 2] * view[1][2] < 0
+    )
+    return _seen(view, 0.0, 0.0, 0.0, 1.0 if backward else -1.0)
+
+
+@compiled_within
+def _on_road(view: _View, u: float, v: float) -> tuple[float, float, float]:
+    # The same of the point of the road, with its depth in the first image.
+    (fu, fv, cu, cv), down, height_m, baseline_m = view[2][0], view[3], view[4], view[5]
+    depth = height_m / max((u - cu) / fu * down[0] + (v - cv) / fv * down[1] + down[2], 1e-6)
+    return *_seen(view, u, v, depth, baseline_m), depth
+
+
+@compiled
+def _fill_bands(view: _View, ideal: Array, every: int, bands: Array) -> None:
+    end_u, end_v = _epipole(view)
+    for n in range(len(bands)):
+        u, v = _seen(view, ideal[n * every, 0], ideal[n * every, 1], 1.0, 0.0)
+        reach = np.sqrt((u - end_u) ** 2 + (v - end_v) ** 2)
+        bands[n, 0], bands[n, 1], scale = u, v, max(reach, 1e-9)
+        bands[n, 2], bands[n, 3] = (u - end_u) / scale, (v - end_v) / scale
+        bands[n, 4] = min(reach * (LARGEST_GROWTH - 1), LONGEST_PX)
+
+
+@compiled
+def _fill_starts(
+    view: _View, ideal: Array, matched: Array, shifts: Array, starts: Array, warps: Array
+) -> None:
+    # From the place of a match, ideal and recorded, or, where that is nan, from the ideal one that the road predicts.
+    end_u, end_v = _epipole(view)
+    for n in range(len(ideal)):
+        x, y = ideal[n]
+        u, v = _seen(view, x, y, 1.0, 0.0)
+        at_u, at_v = matched[n]
+        reach, growth = np.sqrt((u - end_u) ** 2 + (v - end_v) ** 2), NEAR_EPIPOLE_GROWTH
+        # Growth is the ratio of distances from the epipole; near it the ratio is undefined, and growth is small.
+        if reach > NEAR_EPIPOLE_PX:
+            growth = np.sqrt((at_u - end_u) ** 2 + (at_v - end_v) ** 2) / reach
+            growth = min(max(growth, SMALLEST_GROWTH), LARGEST_GROWTH)
+        place = _on_road(view, x, y)
+        by_u, by_v = _on_road(view, x + 1.0, y), _on_road(view, x, y + 1.0)
+        gap = np.sqrt((place[0] - at_u) ** 2 + (place[1] - at_v) ** 2)
+        flow = np.sqrt((place[0] - u) ** 2 + (place[1] - v) ** 2)
+        warp, warps[n, 0], warps[n, 1], warps[n, 2] = warps[n], growth, 0.0, growth
+        if gap < ROAD_GAP_PX + ROAD_GAP_FRACTION * flow or np.isnan(at_u):
+            warp[0], warp[1], warp[2] = by_u[0] - place[0], by_v[0] - place[0], by_v[1] - place[1]
+        for k in range(2):
+            starts[n, k] = place[k] if np.isnan(at_u) else starts[n, k] + shifts[n, k] * growth
+
+
+@compiled
+def _keep_near(view: _View, ideal: Array, free: NDArray[np.bool_]) -> None:
+    # Of the corners those on the road near by, if they lie on the road.
+    for n in range(len(ideal)):
+        depth = _on_road(view, ideal[n, 0], ideal[n, 1])[2]
+        side = (ideal[n, 0] - view[2][0, 2]) / view[2][0, 0] * depth
+        near = view[5] + NEAREST_ROAD_M < depth < FARTHEST_ROAD_M
+        free[n] &= near and abs(side) < ROAD_HALF_WIDTH_M
 
 
 class RegisteredTies(NamedTuple):
@@ -176,7 +237,7 @@ def register_ties(pair: PairMotion, last: RegisteredTies | None = None) -> Regis
     """
     before, now = pair.before, pair.now
     rows = pair.matches(GUIDED_WIDTH_PX, GUIDED_BITS, GUIDED_RATIO)
-    rows = rows[first_of_cells(before.corners[rows[:, 0]], CELL_PX, PER_CELL)]
+    rows = rows[_first_of_cells(before.corners[rows[:, 0]], before.grey.shape)]
     found = np.full((len(rows), 6), np.nan)
     fresh = np.ones(len(rows), np.bool_)
     if last is not None:
@@ -185,11 +246,36 @@ def register_ties(pair: PairMotion, last: RegisteredTies | None = None) -> Regis
         found[here] = last.tried[1][there]
         fresh[here] = False
     found[fresh] = _register(pair, rows[fresh])
+    return _registered(pair, rows, found)
+
+
+def _register(pair: PairMotion, rows: NDArray[np.int64]) -> Array:
+    """Positions of the first image's corners in the second one, recorded pixels, with warp and sigma: (n, 6).
+
+    The position is nan where they are not found. Corners without a match are searched for on the road.
+    """
+    before, now = pair.before, pair.now
+    start = before.corners[rows[:, 0]].astype(np.float64)
+    corners = np.rint(start)
+    starts, warps = now.corners[rows[:, 1]].astype(np.float64), np.empty((len(rows), 3))
+    ideal, matched, search = before.ideal[rows[:, 0]], now.ideal[rows[:, 1]], SEARCH_PX
+    road = len(rows) > 0 and rows[0, 1] < 0
+    if road:
+        ideal, search = ideal_points(before.camera, corners), ROAD_SEARCH_PX
+        matched[:] = nan
+    _fill_starts(pair.view, ideal, matched, corners - start, starts, warps)
+    if road:
+        starts = distort_points(now.camera, starts)
+    whole = corners.astype(np.int64)
+    registered = register_patches(before.grey, now.grey, whole, starts, warps, search)
+    return np.column_stack([registered.point, warps * registered.scale[:, None], registered.sigma])
+
+
+def _registered(pair: PairMotion, rows: NDArray[np.int64], found: Array) -> RegisteredTies:
     good = np.isfinite(found[:, 0])
-    corners = np.rint(before.corners[rows[good, 0]]).astype(np.float64)
     return RegisteredTies(
-        ideal_points(before.camera, corners),
-        ideal_points(now.camera, np.ascontiguousarray(found[good, :2])),
+        ideal_points(pair.before.camera, np.rint(pair.before.corners[rows[good, 0]])),
+        ideal_points(pair.now.camera, found[good, :2]),
         rows[good],
         found[good, 2:5],
         found[good, 5],
@@ -197,75 +283,31 @@ def register_ties(pair: PairMotion, last: RegisteredTies | None = None) -> Regis
     )
 
 
-def _register(pair: PairMotion, rows: NDArray[np.int64]) -> Array:
-    """Positions of the first image's corners in the second one, recorded pixels, with warp and sigma: (n, 6).
-
-    The position is nan where they are not found.
-    """
-    before, now = pair.before, pair.now
-    far, epipole = pair.far_points(rows[:, 0])
-    matched = now.ideal[rows[:, 1]]
-    corners = np.rint(before.corners[rows[:, 0]]).astype(np.int64)
-    # Growth is the ratio of distances from the epipole; near it the ratio is undefined, and growth is small.
-    reach = np.linalg.norm(far - epipole, axis=1)
-    growth = np.linalg.norm(matched - epipole, axis=1) / np.maximum(reach, 1e-9)
-    growth = np.clip(growth, SMALLEST_GROWTH, LARGEST_GROWTH)
-    growth = np.where(reach > NEAR_EPIPOLE_PX, growth, NEAR_EPIPOLE_GROWTH)
-    shift = corners - before.corners[rows[:, 0]].astype(np.float64)
-    starts = np.ascontiguousarray(now.corners[rows[:, 1]] + shift * growth[:, None])
-    warps = np.column_stack([growth, np.zeros(len(growth)), growth])
-    if pair.ground is not None:
-        place, on_road = pair.on_road(before.ideal[rows[:, 0]], pair.ground)
-        gap = np.linalg.norm(place - matched, axis=1)
-        flow = np.linalg.norm(place - far, axis=1)
-        flat = gap < ROAD_GAP_PX + ROAD_GAP_FRACTION * flow
-        warps[flat] = on_road[flat]
-    registered = register_patches(before.grey, now.grey, corners, starts, warps, SEARCH_PX)
-    return np.column_stack([registered.point, warps * registered.scale[:, None], registered.sigma])
-
-
-def register_road(pair: PairMotion, ground: GroundPlane, tied: RegisteredTies) -> RegisteredTies:
+def register_road(pair: PairMotion, tied: RegisteredTies) -> RegisteredTies:
     """The ties with more on the road: unmatched corners, registered at the position that the ground plane predicts.
 
     Their rows are -1: they take part in no comparison of lengths, which the ground plane would bias.
     """
-    before, now = pair.before, pair.now
+    before = pair.before
     free = np.ones(len(before.corners), np.bool_)
     free[tied.tried[0][:, 0]] = False
-    rows = np.flatnonzero(free)
-    rays = rays_of_ideal(before.camera, before.ideal[rows])
-    depth = ground.height_m / np.maximum(rays @ ground.down[:2] + ground.down[2], 1e-6)
-    near = (depth > ground.baseline_m + NEAREST_ROAD_M) & (depth < FARTHEST_ROAD_M)
-    rows = rows[near & (np.abs(rays[:, 0] * depth) < ROAD_HALF_WIDTH_M)]
-    rows = rows[first_of_cells(before.corners[rows], CELL_PX, PER_CELL)]
-    corners = np.rint(before.corners[rows]).astype(np.int64)
-    ideal = ideal_points(before.camera, corners.astype(np.float64))
-    place, warps = pair.on_road(ideal, ground)
-    starts = distort_points(now.camera, place)
-    found = register_patches(before.grey, now.grey, corners, starts, warps, ROAD_SEARCH_PX)
-    good = found.zncc > 0
-    return RegisteredTies(
-        np.vstack([tied.previous, ideal[good]]),
-        np.vstack([tied.current, ideal_points(now.camera, found.point[good])]),
-        np.vstack([tied.rows, np.full((int(good.sum()), 2), -1)]),
-        np.vstack([tied.warp, (warps * found.scale[:, None])[good]]),
-        np.concatenate([tied.sigma, found.sigma[good]]),
-        tied.tried,
-    )
-
-
-def first_of_cells(places: NDArray[np.float32], side_px: float, most: int) -> NDArray[np.bool_]:
-    """Which places (n, 2) px are among the first `most` of their square cell of an image."""
-    cell = np.floor(places / side_px).astype(np.int64)
-    kept = np.empty(len(cell), np.bool_)
-    _keep_first(cell, most, np.zeros(cell.max(axis=0, initial=0) + 1, np.int64), kept)
-    return kept
+    _keep_near(pair.view, before.ideal, free)
+    near = np.flatnonzero(free)
+    near = near[_first_of_cells(before.corners[near], before.grey.shape)]
+    rows = np.column_stack([near, np.full(len(near), -1)])
+    added = _registered(pair, rows, _register(pair, rows))
+    added.rows[:] = -1
+    columns = zip(tied[:5], added[:5], strict=True)
+    return RegisteredTies._make([*map(np.concatenate, columns), tied.tried])
 
 
 @compiled
-def _keep_first(
-    cell: NDArray[np.int64], most: int, count: NDArray[np.int64], kept: NDArray[np.bool_]
-) -> None:
-    for i in range(len(kept)):
-        kept[i] = count[cell[i, 0], cell[i, 1]] < most
-        count[cell[i, 0], cell[i, 1]] += 1
+def _first_of_cells(places: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.bool_]:
+    # Which places (n, 2) px are among the first of their square cell of an image.
+    count = np.zeros((int(shape[1] / CELL_PX) + 1, int(shape[0] / CELL_PX) + 1), np.int64)
+    kept = np.empty(len(places), np.bool_)
+    for i in range(len(places)):
+        column, row = int(places[i, 0] / CELL_PX), int(places[i, 1] / CELL_PX)
+        kept[i] = count[column, row] < PER_CELL
+        count[column, row] += 1
+    return kept
