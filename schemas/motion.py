@@ -61,27 +61,27 @@ class Motion:
 
     pose: Pose
     """Camera in the frame of the drive (the first used camera), from chained steps."""
-    step: Pose | None
+    step: Pose | None = None
     """Camera in the frame of the previous camera. None: the first used frame."""
-    covariance: NDArray[np.float64] | None
+    covariance: NDArray[np.float64] | None = None
     """Of the step, (6, 6): rotation vector, rad, then translation, m. None: unknown."""
-    source: str
+    source: str = "start"
     """Prior of the step, a key of `MOTION_SOURCES`."""
-    baseline_m: float
+    baseline_m: float = 0.0
     """Length of the step."""
-    station_m: float
+    station_m: float = 0.0
     """Distance travelled from the first used frame."""
-    ties: Ties | None
+    ties: Ties | None = None
     """Tie points to the previous frame. None: none."""
-    residual_straight_px: float
+    residual_straight_px: float = nan
     """RMS of eq. 7.5 a coordinate with the straight motion of the prior."""
-    residual_px: float
+    residual_px: float = nan
     """RMS of eq. 7.5 a coordinate with the motion that is used."""
-    adjusted: bool
+    adjusted: bool = False
     """Whether the motion was adjusted."""
-    iterations: int
+    iterations: int = 0
     """Iterations of the adjustment."""
-    camera_height_m: float
+    camera_height_m: float = nan
     """Above the road below. nan: unknown."""
     straight: Pose | None = None
     """The step along a straight line of its length. None: nothing was measured."""

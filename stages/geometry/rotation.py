@@ -69,9 +69,8 @@ def halfway_direction(rotation: Array, direction: Array) -> Array:
         vector[i] *= 0.5
     half, turned = rotation_from_vector(vector), np.empty(3)
     for i in range(3):
-        turned[i] = (
-            half[i, 0] * direction[0] + half[i, 1] * direction[1] + half[i, 2] * direction[2]
-        )
+        row = half[i]
+        turned[i] = row[0] * direction[0] + row[1] * direction[1] + row[2] * direction[2]
     return turned
 
 

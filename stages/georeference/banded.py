@@ -64,13 +64,9 @@ def block_covariances(factor: Array, size: int) -> Array:
     columns = np.ascontiguousarray(factor.T)
     require_array(columns, "factor", np.float64, (None, 2 * size))
     inverse = _inverse_band(columns).T
-    blocks = len(columns) // size
-    own = np.zeros((blocks, size, size))
-    first = np.arange(blocks) * size
-    for i in range(size):
-        for j in range(size):
-            own[:, i, j] = inverse[abs(i - j), first + min(i, j)]
-    return own
+    first = np.arange(0, len(columns), size)[:, None, None]
+    row, column = np.indices((size, size))
+    return np.asarray(inverse[np.abs(row - column), first + np.minimum(row, column)])
 
 
 def combination_variance(factor: Array, last: Array, gradient: Array) -> float:
@@ -84,9 +80,8 @@ def combination_variance(factor: Array, last: Array, gradient: Array) -> float:
     """
     size = len(last)
     white = np.asarray(solve_banded((len(factor) - 1, 0), factor, gradient))
-    lower = np.array(
-        [[factor[i - j, j - size] if i >= j else 0.0 for j in range(size)] for i in range(size)]
-    )
+    row, column = np.indices((size, size))
+    lower = np.tril(factor[row - column, column - size])
     rest = lower @ white[-size:]
     return float(white[:-size] @ white[:-size] + rest @ last @ rest)
 

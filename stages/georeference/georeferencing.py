@@ -26,8 +26,6 @@ from wayside.stages.odometry import FIX_SIGMA_M
 
 POSE_FLOORS = 1e-3, 1e-4
 """Smallest scatter of a pose of the log at the time of a frame, m, and of its rotation, rad (estimates)."""
-CORRELATION_S = 60.0
-"""Correlation time of the error of fixes (atmosphere, orbits, reflections), usual for single receivers."""
 WHITE_FRACTION = 0.1
 """Part of the stated scatter of a fix that is independent of the fix before (estimate)."""
 WHITE_M = 0.02
@@ -107,10 +105,8 @@ def _smoothed_path(
     poses = {p.frame: Pose(found.rotation[i], found.centre[i]) for i, p in enumerate(path)}
     sigma = np.sqrt(found.covariance[:, 6, 6])
     columns = np.stack([found.scale, sigma, chain.relative_length_sigma], axis=1).tolist()
-    rough = [
-        (p.frame, row) for p, row in zip(path, columns, strict=True) if p.source in ROUGH_LENGTHS
-    ]
-    scales = {frame: StepScale(*row) for frame, row in rough}
+    rows = zip(path, columns, strict=True)
+    scales = {p.frame: StepScale(*row) for p, row in rows if p.source in ROUGH_LENGTHS}
     return drive_path(path, world, poses, globe, scales, notes, found)
 
 
@@ -167,12 +163,8 @@ def _measured_poses(path: Sequence[PathPoint]) -> AbsoluteMeasurements:
         position=position,
         sigma_m=np.tile(sigma_m[:, None], (1, 3)),
         correlated_sigma_m=np.zeros((len(path), 3)),
-        correlation_s=CORRELATION_S,
-        lever_arm_m=np.zeros(3),
         rotation=rotation,
         sigma_rad=sigma_rad,
-        first_sigma_rad=np.full(3, pi),
-        roll_sigma_rad=np.inf,
     )
 
 
@@ -202,10 +194,7 @@ def _on_globe(
         position=position,
         sigma_m=np.hypot(np.hypot(WHITE_FRACTION * sigma, WHITE_M), sagitta[:, None]),
         correlated_sigma_m=sigma[latest],
-        correlation_s=CORRELATION_S,
         lever_arm_m=lever_arm,
-        rotation=None,
-        sigma_rad=None,
         first_sigma_rad=np.array([tilt_rad, tilt_rad, pi]),
         roll_sigma_rad=roll_rad,
     )

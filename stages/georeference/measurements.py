@@ -1,6 +1,7 @@
 """Measurements that a smoothed path is made of: relative motion between neighbouring frames, absolute positions."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from math import inf, pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ ALONG_SIGMA_M = 2e-3
 """Scatter of a step along itself where its length is an unknown: small against every other error."""
 STEP_FLOOR_M = 1e-3
 """Smallest scatter of a step (estimate)."""
+CORRELATION_S = 60.0
+"""Correlation time of the error of fixes (atmosphere, orbits, reflections), usual for single receivers."""
 STEP_FLOOR_RAD = 1e-5
 """Smallest scatter of a step's rotation (estimate)."""
 
@@ -118,9 +121,9 @@ class AbsoluteMeasurements:
     position: Array
     sigma_m: Array
     correlated_sigma_m: Array
-    correlation_s: float
-    lever_arm_m: Array
-    rotation: Array | None
-    sigma_rad: Array | None
-    first_sigma_rad: Array
-    roll_sigma_rad: float
+    correlation_s: float = CORRELATION_S
+    lever_arm_m: Array = field(default_factory=lambda: np.zeros(3))
+    rotation: Array | None = None
+    sigma_rad: Array | None = None
+    first_sigma_rad: Array = field(default_factory=lambda: np.full(3, pi))
+    roll_sigma_rad: float = inf

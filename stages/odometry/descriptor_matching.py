@@ -47,28 +47,6 @@ def match_in_bands(
 
 
 @compiled_within
-def _by_cell(points: Array) -> tuple[Numbers, Numbers, Array, int, int]:
-    # Points by cell, row after row, and the place of the first of each cell in that order. Corner and size of the grid.
-    low, high = points[0].copy(), points[0].copy()
-    for j in range(len(points)):
-        for k in range(2):
-            low[k], high[k] = min(low[k], points[j, k]), max(high[k], points[j, k])
-    columns, rows = int((high[0] - low[0]) / CELL_PX) + 1, int((high[1] - low[1]) / CELL_PX) + 1
-    order, key = np.empty((2, len(points)), np.int64)
-    first = np.zeros(columns * rows + 2, np.int64)
-    for j in range(len(points)):
-        row = int((points[j, 1] - low[1]) / CELL_PX)
-        key[j] = row * columns + int((points[j, 0] - low[0]) / CELL_PX)
-        first[key[j] + 2] += 1
-    for k in range(2, len(first)):
-        first[k] += first[k - 1]
-    for j in range(len(points)):
-        order[first[key[j] + 1]] = j
-        first[key[j] + 1] += 1
-    return order, first, low, columns, rows
-
-
-@compiled_within
 def _bits(word: np.uint64) -> np.uint64:
     # Population count; the compiler turns it into one instruction.
     word = word - ((word >> np.uint64(1)) & np.uint64(0x5555555555555555))
@@ -77,6 +55,25 @@ def _bits(word: np.uint64) -> np.uint64:
     )
     word = (word + (word >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
     return (word * np.uint64(0x0101010101010101)) >> np.uint64(56)
+
+
+@compiled_within
+def _by_cell(points: Array) -> tuple[Numbers, Numbers, tuple[float, float], int, int]:
+    # The points cell by cell of a grid, row after row, and the place of the first of each cell in that order.
+    low_u, low_v = points[:, 0].min(), points[:, 1].min()
+    columns = int((points[:, 0].max() - low_u) / CELL_PX) + 1
+    rows = int((points[:, 1].max() - low_v) / CELL_PX) + 1
+    key, order = np.empty((2, len(points)), np.int64)
+    count = np.zeros(columns * rows + 1, np.int64)
+    for j in range(len(points)):
+        row, column = int((points[j, 1] - low_v) / CELL_PX), int((points[j, 0] - low_u) / CELL_PX)
+        key[j] = row * columns + column
+        count[key[j]] += 1
+    first = np.cumsum(count)
+    for j in range(len(points) - 1, -1, -1):
+        first[key[j]] -= 1
+        order[first[key[j]]] = j
+    return order, first, (low_u, low_v), columns, rows
 
 
 @compiled
@@ -90,32 +87,29 @@ def _match(
     best: Numbers,
 ) -> None:
     # Fills the first corner that each second one matches best, and their distance.
-    order, first, low, columns, rows = _by_cell(points)
-    candidates, distances = np.empty((2, points.shape[0] + 1), np.int64)
-    place = points[order]
+    order, first, (low_u, low_v), columns, rows = _by_cell(points)
+    place, (candidates, distances) = points[order], np.empty((2, len(points) + 1), np.int64)
     for i in range(bands.shape[0]):
         u, v, du, dv, length, width = bands[i]
         # the cells that the band's box touches; clipped so that a band outside touches none
-        left = (min(u, u + length * du) - width - low[0]) / CELL_PX
-        right = (max(u, u + length * du) + width - low[0]) / CELL_PX
-        top = (min(v, v + length * dv) - width - low[1]) / CELL_PX
-        bottom = (max(v, v + length * dv) + width - low[1]) / CELL_PX
+        left = (min(u, u + length * du) - width - low_u) / CELL_PX
+        right = (max(u, u + length * du) + width - low_u) / CELL_PX
+        top = (min(v, v + length * dv) - width - low_v) / CELL_PX
+        bottom = (max(v, v + length * dv) + width - low_v) / CELL_PX
         if not (left < columns and top < rows and right >= 0 and bottom >= 0):
             continue
         column_from, column_to = int(max(0.0, left)), int(min(columns - 1.0, right))
-        count = 0
+        near = 0
         for row in range(int(max(0.0, top)), int(min(rows - 1.0, bottom)) + 1):
             begin, end = first[row * columns + column_from], first[row * columns + column_to + 1]
-            for k in range(np.uint64(begin), np.uint64(end)):
+            for k in range(np.uint64(begin), np.uint64(end)):  # an index that may be negative costs
                 x, y = place[k, 0] - u, place[k, 1] - v
                 along = x * du + y * dv
-                candidates[np.uint64(count)] = order[k]
-                inside = (
-                    (abs(x * dv - y * du) <= width) & (along >= -width) & (along <= length + width)
-                )
-                count += int(inside)
+                candidates[np.uint64(near)] = order[k]
+                inside = (along >= -width) & (along <= length + width)
+                near += int(inside & (abs(x * dv - y * du) <= width))
         least, winner = 257, -1
-        for k in range(count):
+        for k in range(near):
             bits = 0
             for word in range(4):
                 bits += int(_bits(descriptors[i, word] ^ others[np.uint64(candidates[k]), word]))
@@ -125,7 +119,7 @@ def _match(
         if winner < 0 or least > farthest:
             continue
         second = 257
-        for k in range(count):
+        for k in range(near):
             j = candidates[k]
             apart = max(
                 abs(points[j, 0] - points[winner, 0]), abs(points[j, 1] - points[winner, 1])

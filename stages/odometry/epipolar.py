@@ -90,18 +90,14 @@ def fit_epipolar(
     require_array(previous, "previous", np.float64, (n, 2))
     require_array(current, "current", np.float64, (n, 2))
     known = StepConstraints.of([prior._replace(length_m=1.0, sigma_m=1.0)])
-    best, trial = (
-        _Estimate(
-            np.array([np.eye(3), start[0]]), np.array([np.zeros(3), start[1]]), np.empty(n + 6)
-        )
-        for _ in range(2)
-    )
+    rotations, centres = np.array([np.eye(3), start[0]]), np.array([np.zeros(3), start[1]])
+    best = _Estimate(rotations, centres, np.empty(n + 6))
     history = np.empty(schedule.iterations + 1)
     work = history, np.empty((5, n + 6)), np.empty((5, 5)), np.empty((5, 5)), np.empty(5)
     for scale in scales_px:
         problem = _Problem(previous, current, known, focal_px, sigma_px, scale, *work, np.empty(5))
-        best, _, done = _fit(problem, best, trial, schedule)
         trial = _Estimate(best.rotations.copy(), best.centres.copy(), np.empty(n + 6))
+        best, _, done = _fit(problem, best, trial, schedule)
     distance = best.residuals[:n]
     history[done] = (distance**2).sum()
     return EpipolarFit(best.rotations[1], best.centres[1], distance, work[1], history[: done + 1])
@@ -133,10 +129,9 @@ def _move(problem: _Problem, estimate: _Estimate, rotation: Array, direction: Ar
     step, last, centre = problem.step, estimate.rotations[1], estimate.centres[1]
     turn, basis, square = rotation_from_vector(step[:3]), tangent_basis(centre), 0.0
     for i in range(3):
+        row = turn[i]
         for j in range(3):
-            rotation[i, j] = (
-                turn[i, 0] * last[0, j] + turn[i, 1] * last[1, j] + turn[i, 2] * last[2, j]
-            )
+            rotation[i, j] = row[0] * last[0, j] + row[1] * last[1, j] + row[2] * last[2, j]
         direction[i] = centre[i] + step[3] * basis[0, i] + step[4] * basis[1, i]
         square += direction[i] * direction[i]
     for i in range(3):

@@ -123,14 +123,10 @@ def predict_motion(
         )
     length_m = max(baseline, SHORTEST_M)
     prior = StepPrior(np.eye(3), inf, travel.direction, travel.sigma, True, length_m, sigma)
-    return MotionPrior(
-        prior,
-        (np.eye(3), travel.direction),
-        np.eye(3) if last_rotation is None else last_rotation,
-        FIRST_SLACK_PX if last_rotation is None else ROTATION_SLACK_PX,
-        source,
-        spacing_m,
-    )
+    straight, search, slack_px = (np.eye(3), travel.direction), last_rotation, ROTATION_SLACK_PX
+    if search is None:
+        search, slack_px = np.eye(3), FIRST_SLACK_PX
+    return MotionPrior(prior, straight, search, slack_px, source, spacing_m)
 
 
 def _by_poses(
@@ -152,15 +148,8 @@ def _by_poses(
     else:
         given = 0.0  # no camera of a vehicle looks across its way: such poses are not of this one
     both = np.array([slopes[0], slopes[1], 1.0]) * (-1.0 if backward else 1.0)
-    prior = StepPrior(
-        step.rotation,
-        sigma_rad,
-        both / np.linalg.norm(both),
-        (given + mounted) ** -0.5,
-        False,
-        baseline,
-        sigma_m,
-    )
+    both, scatter = both / np.linalg.norm(both), (given + mounted) ** -0.5
+    prior = StepPrior(step.rotation, sigma_rad, both, scatter, False, baseline, sigma_m)
     motion = step.rotation, direction
     return MotionPrior(prior, motion, step.rotation, POSE_SLACK_PX, second.source)
 

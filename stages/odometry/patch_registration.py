@@ -39,7 +39,6 @@ PIXELS = SIDE * SIDE
 FREEDOM = PIXELS - 5.0
 """Pixels of a patch less the unknowns: two of position, scale, gain, bias."""
 
-
 Pixels = NDArray[np.int32]
 Images = tuple[NDArray[np.uint8], NDArray[np.uint8]]
 

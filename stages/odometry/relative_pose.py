@@ -119,7 +119,7 @@ def _refine(pair: PairMotion, prior: StepPrior) -> RelativePose:
             break
     if pair.ground is None:
         return pose
-    return fit_relative_pose(pair, register_road(pair, pose.tied), prior)
+    return fit_relative_pose(pair, register_road(pair, pair.ground, pose.tied), prior)
 
 
 def fit_relative_pose(pair: PairMotion, tied: RegisteredTies, prior: StepPrior) -> RelativePose:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import Detections
 from wayside.schemas.frame import Camera
-from wayside.stages.geometry import distort_points, ideal_points
+from wayside.stages.geometry import distort_points, ideal_points, rays_of_ideal
 from wayside.stages.kernels import Array, compiled, compiled_within
 from wayside.stages.odometry.descriptor_matching import match_in_bands
 from wayside.stages.odometry.patch_registration import register_patches
@@ -138,18 +138,17 @@ def _seen(view: _View, u: float, v: float, depth: float, travel: float) -> tuple
 
 @compiled_within
 def _epipole(view: _View) -> tuple[float, float]:
-    backward = (
-        view[0][0, 2] * view[1][0] + view[0][1, 2] * view[1][1] + view[0][2, 2] * view[1][2] < 0
-    )
-    return _seen(view, 0.0, 0.0, 0.0, 1.0 if backward else -1.0)
+    r, t = view[0], view[1]
+    ahead = r[0, 2] * t[0] + r[1, 2] * t[1] + r[2, 2] * t[2]
+    return _seen(view, 0.0, 0.0, 0.0, -np.sign(ahead))
 
 
 @compiled_within
-def _on_road(view: _View, u: float, v: float) -> tuple[float, float, float]:
-    # The same of the point of the road, with its depth in the first image.
+def _on_road(view: _View, u: float, v: float) -> tuple[float, float]:
+    # The same of the point of the road.
     (fu, fv, cu, cv), down, height_m, baseline_m = view[2][0], view[3], view[4], view[5]
     depth = height_m / max((u - cu) / fu * down[0] + (v - cv) / fv * down[1] + down[2], 1e-6)
-    return *_seen(view, u, v, depth, baseline_m), depth
+    return _seen(view, u, v, depth, baseline_m)
 
 
 @compiled
@@ -187,16 +186,6 @@ def _fill_starts(
             warp[0], warp[1], warp[2] = by_u[0] - place[0], by_v[0] - place[0], by_v[1] - place[1]
         for k in range(2):
             starts[n, k] = place[k] if np.isnan(at_u) else starts[n, k] + shifts[n, k] * growth
-
-
-@compiled
-def _keep_near(view: _View, ideal: Array, free: NDArray[np.bool_]) -> None:
-    # Of the corners those on the road near by, if they lie on the road.
-    for n in range(len(ideal)):
-        depth = _on_road(view, ideal[n, 0], ideal[n, 1])[2]
-        side = (ideal[n, 0] - view[2][0, 2]) / view[2][0, 0] * depth
-        near = view[5] + NEAREST_ROAD_M < depth < FARTHEST_ROAD_M
-        free[n] &= near and abs(side) < ROAD_HALF_WIDTH_M
 
 
 class RegisteredTies(NamedTuple):
@@ -283,15 +272,17 @@ def _registered(pair: PairMotion, rows: NDArray[np.int64], found: Array) -> Regi
     )
 
 
-def register_road(pair: PairMotion, tied: RegisteredTies) -> RegisteredTies:
+def register_road(pair: PairMotion, ground: GroundPlane, tied: RegisteredTies) -> RegisteredTies:
     """The ties with more on the road: unmatched corners, registered at the position that the ground plane predicts.
 
     Their rows are -1: they take part in no comparison of lengths, which the ground plane would bias.
     """
     before = pair.before
-    free = np.ones(len(before.corners), np.bool_)
+    rays = rays_of_ideal(before.camera, before.ideal)
+    depth = ground.height_m / np.maximum(rays @ ground.down[:2] + ground.down[2], 1e-6)
+    free = (depth > ground.baseline_m + NEAREST_ROAD_M) & (depth < FARTHEST_ROAD_M)
+    free &= np.abs(rays[:, 0] * depth) < ROAD_HALF_WIDTH_M
     free[tied.tried[0][:, 0]] = False
-    _keep_near(pair.view, before.ideal, free)
     near = np.flatnonzero(free)
     near = near[_first_of_cells(before.corners[near], before.grey.shape)]
     rows = np.column_stack([near, np.full(len(near), -1)])

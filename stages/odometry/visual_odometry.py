@@ -94,13 +94,9 @@ def _left_out(item: Detections) -> Detections:
     the tracking window.
     """
     frame = replace(item.frame, status=DUPLICATE, data=b"")
-    segmentation = replace(
-        item.segmentation,
-        image=Image(frame, None, None),
-        regions=Regions.empty(),
-        dropped=NOTHING_DROPPED,
-    )
-    return Detections(segmentation, Candidates.of(Regions.empty()))
+    image, none = Image(frame, None, None), Regions.empty()
+    segmentation = replace(item.segmentation, image=image, regions=none, dropped=NOTHING_DROPPED)
+    return Detections(segmentation, Candidates.of(none))
 
 
 @dataclass(slots=True)
@@ -126,17 +122,11 @@ class VisualOdometry:
 
     def advance(self, image: KeypointImage | None, frame: Frame) -> Motion:
         """Motion from the last image to this one; without pixels the expected one."""
-        given, motion = self.noise.of(frame), _START
+        given, motion = self.noise.of(frame), Motion(Pose(np.eye(3), np.zeros(3)))
         if self.frame is not None and self.motion is not None:
-            expected = predict_motion(
-                self.noise.of(self.frame),
-                given,
-                self.mount.travel,
-                self.rotation,
-                self.speed_mps,
-                self.settings,
-                self.length.length_in_spacings,
-            )
+            last = self.mount.travel, self.rotation, self.speed_mps
+            stated = self.settings, self.length.length_in_spacings
+            expected = predict_motion(self.noise.of(self.frame), given, *last, *stated)
             step = None
             if self.image is not None and image is not None:
                 fewest = self.settings.smallest_ties
@@ -215,8 +205,7 @@ class VisualOdometry:
         covariance = np.diag([sigma_rotation**2] * 3 + [sigma_aside**2] * 3)
         covariance[3:, 3:] += prior.sigma_m**2 * np.outer(direction, direction)
         pose = Pose(rotation, baseline * direction)
-        return replace(
-            _START,
+        return Motion(
             pose=last.pose.compose(pose),
             step=pose,
             covariance=covariance,
@@ -251,19 +240,3 @@ def root_mean(squares: Array) -> float:
     """
     best = np.sort(squares)[: max(1, int(TRIMMED * len(squares)))]
     return float(np.sqrt(best.mean() / 4)) if np.isfinite(best).all() and len(best) else inf
-
-
-_START = Motion(
-    pose=Pose(np.eye(3), np.zeros(3)),
-    step=None,
-    covariance=None,
-    source="start",
-    baseline_m=0.0,
-    station_m=0.0,
-    ties=None,
-    residual_straight_px=nan,
-    residual_px=nan,
-    adjusted=False,
-    iterations=0,
-    camera_height_m=nan,
-)

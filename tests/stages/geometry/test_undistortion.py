@@ -48,5 +48,5 @@ def test_a_camera_without_distortion_changes_no_pixel():
 
 
 def test_points_of_another_shape_are_refused():
-    with pytest.raises(ValueError, match=r"\(n, 2\)"):
+    with pytest.raises(ValueError, match=r"instead of \(-1, 2\)"):
         ideal_points(BROWN, np.zeros((2, 3)))

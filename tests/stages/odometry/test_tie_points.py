@@ -65,7 +65,7 @@ def test_knowing_the_road_ties_more_of_it_and_places_it_better(pair):
     ground = GroundPlane(np.array([0.0, 1.0, 0.0]), HEIGHT, BASELINE)
     plain = register_ties(PairMotion(*pair))
     warped = register_ties(PairMotion(*pair, ground))
-    more = register_road(PairMotion(*pair, ground), warped)
+    more = register_road(PairMotion(*pair, ground), ground, warped)
     assert len(more.rows) > 1.25 * len(warped.rows)
     assert (more.rows[len(warped.rows) :] == -1).all()
     off_plain, off_warped = (off_px(t, rotation, direction) for t in (plain, warped))
