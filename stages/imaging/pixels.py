@@ -11,12 +11,11 @@ from wayside.schemas.frame import Camera
 
 def halved(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """The image at half size, each pixel the mean of four (an odd last row or column is left out)."""
-    height, width = rgb.shape[0] // 2 * 2, rgb.shape[1] // 2 * 2
+    height, width = rgb.shape[0] // 2, rgb.shape[1] // 2
     if height == 0 or width == 0:
         return np.zeros((0, 0, 3), np.uint8)
-    small = cv2.resize(
-        rgb[:height, :width], (width // 2, height // 2), interpolation=cv2.INTER_AREA
-    )
+    even = rgb[: 2 * height, : 2 * width]
+    small = cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA)
     return np.asarray(small, np.uint8)
 
 

@@ -19,7 +19,7 @@ from wayside.stages.geometry import (
     rotation_from_vector,
     tangent_basis,
 )
-from wayside.stages.kernels import Array, compiled, compiled_within, require_array
+from wayside.stages.kernels import Array, compiled, compiled_within, require_array, shaped
 
 DIFFERENCE_STEP = 1e-6
 """Step of forward differences, radians: half of the digits of a double."""
@@ -110,15 +110,8 @@ def sampson_px(
     n = len(previous)
     require_array(previous, "previous", np.float64, (n, 2))
     require_array(current, "current", np.float64, (n, 2))
-    result = np.empty(n)
-    _sampson(
-        previous,
-        current,
-        np.ascontiguousarray(rotation, np.float64),
-        np.ascontiguousarray(direction, np.float64),
-        focal_px,
-        result,
-    )
+    turn, ahead = shaped(rotation, (3, 3)), shaped(direction, (3,))
+    _sampson(previous, current, turn, ahead, focal_px, result := np.empty(n))
     return result
 
 

@@ -7,7 +7,7 @@ from math import isfinite, nan
 import numpy as np
 
 from wayside.stages.geometry import halfway_direction
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, compiled
 from wayside.stages.odometry.motion_prior import TravelDirection
 from wayside.stages.odometry.tie_points import GroundPlane
 
@@ -31,13 +31,14 @@ HEIGHT_BAND, FEWEST_HEIGHTS = 0.06, 8
 class Mount:
     """Running medians over the last steps.
 
-    `slopes` (2,) of the direction of travel, `heights` (n,) of points, metres. They give `travel`, the direction as
-    learnt so far (straight ahead before the mount is known), and `height_m` of the camera above the road, nan while
-    unknown.
+    `slopes` (k, 2) of the direction of travel, `heights` (n,) of points, metres, so many of each step. They give
+    `travel`, the direction as learnt so far (straight ahead before the mount is known), and `height_m` of the camera
+    above the road, nan while unknown.
     """
 
-    slopes: deque[Array] = field(default_factory=lambda: deque(maxlen=MOUNT_MEMORY))
-    heights: deque[Array] = field(default_factory=lambda: deque(maxlen=HEIGHT_MEMORY))
+    slopes: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    heights: Array = field(default_factory=lambda: np.zeros(0))
+    counts: deque[int] = field(default_factory=lambda: deque([0] * HEIGHT_MEMORY, HEIGHT_MEMORY))
     travel: TravelDirection = field(
         default_factory=lambda: TravelDirection(
             np.array([0.0, 0.0, 1.0]), np.radians([MOUNT_SIGMA_DEG] * 2)
@@ -47,14 +48,16 @@ class Mount:
 
     def learn(self, rotation: Array, direction: Array, points: Array) -> None:
         """Take in an adjusted step and the points (n, 3) that were matched in it, in the camera's frame."""
-        self.slopes.append(travel_slopes(rotation, direction))
+        self.slopes = np.vstack([self.slopes, travel_slopes(rotation, direction)])[-MOUNT_MEMORY:]
         if len(self.slopes) >= MOUNT_STEPS:
-            middle = np.median(np.array(self.slopes), axis=0)
+            middle = np.median(self.slopes, axis=0)
             direction = np.array([middle[0], middle[1], 1.0])
             sigma = np.radians(TRAVEL_SIGMA_DEG)
             self.travel = TravelDirection(direction / np.linalg.norm(direction), sigma)
-        self.heights.append(lane_heights(points, self.travel.direction))
-        self.height_m = common_height(np.concatenate(self.heights))
+        fresh = lane_heights(points, self.travel.direction)
+        self.heights = np.concatenate([self.heights[self.counts[0] :], fresh])
+        self.counts.append(len(fresh))
+        self.height_m = common_height(self.heights)
 
     def ground(self, baseline_m: float) -> GroundPlane | None:
         """The road under the camera for a step of that length, None while its height is unknown."""
@@ -99,11 +102,19 @@ def common_height(heights: Array) -> float:
     Points of the road lie in one plane, objects on it are scattered above. nan where no band has enough points.
     """
     ordered = np.sort(heights)
-    if len(ordered) < FEWEST_HEIGHTS:
-        return float("nan")
-    end = np.searchsorted(ordered, ordered * (1 + HEIGHT_BAND), side="right")
-    count = end - np.arange(len(ordered))
-    first = int(count.argmax())
-    if count[first] < FEWEST_HEIGHTS:
-        return float("nan")
-    return float(np.median(ordered[first : end[first]]))
+    first, end = _densest(ordered)
+    if end - first < FEWEST_HEIGHTS:
+        return nan
+    return float(ordered[(first + end - 1) // 2] + ordered[(first + end) // 2]) / 2
+
+
+@compiled
+def _densest(ordered: Array) -> tuple[int, int]:
+    # Where the first of the bands begins and ends that has the most of some numbers in order.
+    most, begin, end = 0, 0, 0
+    for first in range(len(ordered)):
+        while end < len(ordered) and ordered[end] <= ordered[first] * (1 + HEIGHT_BAND):
+            end += 1
+        if end - first > most:
+            most, begin = end - first, first
+    return begin, begin + most
