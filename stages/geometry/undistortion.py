@@ -76,4 +76,6 @@ def _undistort(start: Array, lens: Array, rays: Array) -> None:
             scale = (1 + r * (k4 + r * (k5 + r * k6))) / (1 + r * (k1 + r * (k2 + r * k3)))
             du = 2 * p1 * x * y + p2 * (r + 2 * x * x) + r * (s1 + r * s2)
             dv = p1 * (r + 2 * y * y) + 2 * p2 * x * y + r * (s3 + r * s4)
+            if not 0.0 < scale < 9.0:  # of no lens: beyond its border, the point stays as recorded
+                du, dv, scale = 0.0, 0.0, 1.0
             across[i], below[i] = (u[i] - du) * scale, (v[i] - dv) * scale

@@ -106,8 +106,10 @@ def smooth(
     elif abs(found_s) > max(OFFSET_SIGMAS * free.time_offset_sigma_s, SMALLEST_OFFSET_S):
         return free
     held = _Adjustment(chain, measured, free.rotation, free.centre, OFFSET_DRIFT_S).run()
-    offset = {"time_offset_s": 0.0, "time_offset_sigma_s": free.time_offset_sigma_s}
-    return replace(held, **offset, impossible_offset_s=impossible_s)
+    sigma_s = free.time_offset_sigma_s
+    return replace(
+        held, time_offset_s=0.0, time_offset_sigma_s=sigma_s, impossible_offset_s=impossible_s
+    )
 
 
 class _Adjustment:

@@ -121,10 +121,8 @@ def _match(
         second = 257
         for k in range(near):
             j = candidates[k]
-            apart = max(
-                abs(points[j, 0] - points[winner, 0]), abs(points[j, 1] - points[winner, 1])
-            )
-            if apart > SAME_CORNER_PX and distances[k] < second:
+            aside, below = points[j, 0] - points[winner, 0], points[j, 1] - points[winner, 1]
+            if max(abs(aside), abs(below)) > SAME_CORNER_PX and distances[k] < second:
                 second = distances[k]
         if least < ratio * second and (best[0, winner] < 0 or least < best[1, winner]):
             # of several with the same best one the closest keeps it

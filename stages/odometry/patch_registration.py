@@ -248,8 +248,7 @@ def _register(
     (far, near), (height, width) = images, images[0].shape
     template, patch = np.empty((4, LONG), np.int32), np.zeros(LONG, np.int32)
     window, columns = np.zeros(LONG + 2 * ROW + 2, np.uint8), np.empty((SIDE, SIDE), np.int64)
-    sums, position = np.empty((2, 4)), np.empty(3)
-    normal, inverse = np.empty((3, 3)), np.empty((3, 3))
+    sums, position, (normal, inverse) = np.empty((2, 4)), np.empty(3), np.empty((2, 3, 3))
     work = _Work(template, patch, window, sums, normal, inverse, position, columns)
     edge = RADIUS + 1
     for n in range(corners.shape[0]):
