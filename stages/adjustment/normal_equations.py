@@ -18,7 +18,7 @@ FLOOR = 1e-9
 
 
 class NormalEquations(NamedTuple):
-    """Normal equations in blocks: poses (6 n, 6 n), lower half, mixed (p, 6 n, 3), own (p, 3, 3), and right sides.
+    """Normal equations in blocks: poses (6 n, 6 n), lower half, mixed (p, 3, 6 n), own (p, 3, 3), and right sides.
 
     `inverse` (p, 3, 3): of `own`. `reduced`, `step`: equations of the poses alone, and their right side or solution.
     `span` (p, 2): first and last frame that measures a point, the held one aside; without any the last is -1.
@@ -35,16 +35,12 @@ class NormalEquations(NamedTuple):
     span: NDArray[np.int64]
 
     @staticmethod
-    def empty(frames: int, points: int, blocks: ResidualBlocks, held: int) -> "NormalEquations":
+    def empty(frames: int, points: int) -> "NormalEquations":
         """Room for so many."""
         size = 6 * frames
         span = np.stack([np.full(points, 1 << 30), np.full(points, -1)], axis=1)
-        for number in blocks.frames.T:
-            other = number != held
-            np.minimum.at(span[:, 0], blocks.point[other], number[other])
-            np.maximum.at(span[:, 1], blocks.point[other], number[other])
         of_poses, of_points = ((size, size), (size,)), ((points, 3, 3), (points, 3), (points, 3, 3))
-        shapes = (*of_poses, (points, size, 3), *of_points, *of_poses)
+        shapes = (*of_poses, (points, 3, size), *of_points, *of_poses)
         return NormalEquations._make([*(np.empty(shape) for shape in shapes), span])
 
 
@@ -56,7 +52,7 @@ def add_blocks(
     residuals, frames, mixed, poses = estimate.residuals, blocks.frames, normal.mixed, normal.poses
     for i in range(residuals.shape[0]):
         n, scale = blocks.point[i], blocks.scale[i] * blocks.scale[i]
-        by_pose, by_point = estimate.by_pose[i], estimate.by_point[i]
+        by_pose, by_point, span = estimate.by_pose[i], estimate.by_point[i], normal.span[n]
         u, v = residuals[i, 0], residuals[i, 1]
         weight = 1.0 / (1.0 + (u * u + v * v) / scale)
         for k in range(3):
@@ -64,20 +60,22 @@ def add_blocks(
             normal.own_right[n, k] -= a * u + b * v
             for j in range(3):
                 normal.own[n, k, j] += a * by_point[0, j] + b * by_point[1, j]
-        for row in range(6 if frames[i, 0] == frames[i, 1] else 0, 12):
-            f = frames[i, row // 6]
+        for y in range(int(frames[i, 0] == frames[i, 1]), 2):
+            f = frames[i, y]
             if f == held:
                 continue
-            a, b, at = weight * by_pose[0, row], weight * by_pose[1, row], 6 * f + row % 6
-            normal.poses_right[at] -= a * u + b * v
-            for k in range(3):
-                mixed[n, at, k] += a * by_point[0, k] + b * by_point[1, k]
-            for y in range(2):
-                g = frames[i, y]
-                if g != held and (g < f or y == row // 6):
-                    for j in range(6):
-                        part = a * by_pose[0, 6 * y + j] + b * by_pose[1, 6 * y + j]
-                        poses[at, 6 * g + j] += part
+            span[0], span[1] = min(span[0], f), max(span[1], f)
+            for k in range(6):
+                a, b, at = weight * by_pose[0, 6 * y + k], weight * by_pose[1, 6 * y + k], 6 * f + k
+                normal.poses_right[at] -= a * u + b * v
+                for j in range(3):
+                    mixed[n, j, at] += a * by_point[0, j] + b * by_point[1, j]
+                for z in range(y + 1):
+                    g = frames[i, z]
+                    if g != held and (g < f or z == y):
+                        for j in range(6):
+                            part = a * by_pose[0, 6 * z + j] + b * by_pose[1, 6 * z + j]
+                            poses[at, 6 * g + j] += part
 
 
 @compiled
@@ -94,14 +92,14 @@ def reduce_points(normal: NormalEquations, damping: float) -> None:
         inverse = normal.inverse[n]
         invert_symmetric(normal.own[n], damping, FLOOR, inverse)
         for row in range(first, after):
-            a, b, c = mixed[n, row, 0], mixed[n, row, 1], mixed[n, row, 2]
+            a, b, c = mixed[n, 0, row], mixed[n, 1, row], mixed[n, 2, row]
             x = a * inverse[0, 0] + b * inverse[1, 0] + c * inverse[2, 0]
             y = a * inverse[0, 1] + b * inverse[1, 1] + c * inverse[2, 1]
             z = a * inverse[0, 2] + b * inverse[1, 2] + c * inverse[2, 2]
             own = normal.own_right[n]
             right[row] -= x * own[0] + y * own[1] + z * own[2]
             for j in range(first, row + 1):
-                reduced[row, j] -= x * mixed[n, j, 0] + y * mixed[n, j, 1] + z * mixed[n, j, 2]
+                reduced[row, j] -= x * mixed[n, 0, j] + y * mixed[n, 1, j] + z * mixed[n, 2, j]
 
 
 def uncertainty(
@@ -113,18 +111,18 @@ def uncertainty(
     Both are nan where there is no inverse.
     """
     reduce_points(normal, 0.0)
-    own = normal.inverse[0]
-    reach = normal.mixed[0] @ own  # change of the right side by the point, negative
+    own, size = normal.inverse[0], len(normal.step)
+    reach = own @ normal.mixed[0]  # change of the right side by the point, negative
     try:
         half = np.linalg.inv(np.linalg.cholesky(normal.reduced))
     except np.linalg.LinAlgError:
         return np.full((3, 3), np.nan), np.full((len(blocks.point), 2, 3), np.nan)
     # covariance of the poses with the point
-    spread = np.ascontiguousarray(half.T @ (half @ reach))
+    spread = half.T @ (half @ reach.T)
     # change (p, 3, 3) of it by each point's right side
-    back = (spread.T @ normal.mixed) @ normal.inverse
+    back = normal.inverse @ (normal.mixed.reshape(-1, size) @ spread).reshape(-1, 3, 3)
     back[0] += own
     weight = 1 / ((1 + (estimate.residuals**2).sum(axis=1) / blocks.scale**2) * blocks.sigma)
     by_frame = spread.reshape(-1, 6, 3)[blocks.frames].reshape(-1, 12, 3)
-    gain = estimate.by_point @ back[blocks.point].swapaxes(1, 2) - estimate.by_pose @ by_frame
-    return reach.T @ spread + own, weight[:, None, None] * gain
+    gain = estimate.by_point @ back[blocks.point] - estimate.by_pose @ by_frame
+    return reach @ spread + own, weight[:, None, None] * gain
