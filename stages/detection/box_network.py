@@ -5,6 +5,7 @@ and the colour and shape of the face. They also give the offsets of its sides (b
 appendix C).
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -62,17 +63,25 @@ class BoxNetwork:
 
     def scores(self, rgb: NDArray[np.uint8], box: NDArray[np.float32]) -> BoxScores:
         """Of boxes (n, 4) of an image (height, width, 3)."""
-        parts = [np.zeros((0, BOX_VALUES), np.float32)]
-        for first in range(0, len(box), TOGETHER):
-            some = np.asarray(box[first : first + TOGETHER], np.float32)
-            parts.append(self._values(drawn_patches(rgb, some), some))
-        values = np.concatenate(parts)
+        return self._scores((drawn_patches(rgb, some), some) for some in _parts(box))
+
+    def scores_of_patches(self, patches: NDArray[np.uint8], box: NDArray[np.float32]) -> BoxScores:
+        """Of boxes (n, 4) of any images, by their patches, see `drawn_patches`."""
+        return self._scores(zip(_parts(patches), _parts(box), strict=True))
+
+    def _scores(self, parts: Iterable[tuple[NDArray[np.uint8], NDArray[np.float32]]]) -> BoxScores:
+        none = np.zeros((0, BOX_VALUES), np.float32)
+        values = np.concatenate([none, *(self._values(*part) for part in parts)])
         columns = np.split(values, [1, OFFSET_AT, COLOR_AT, SHAPE_AT], axis=1)
         return BoxScores(columns[0][:, 0], columns[1][:, 0], *columns[2:])
 
     def _values(self, patches: NDArray[np.uint8], box: NDArray[np.float32]) -> NDArray[np.float32]:
         seen = {PATCHES: log_levels(patches), SIZES: box[:, 2:] - box[:, :2]}
         return self._network.run(seen)[BOX_OUTPUT]
+
+
+def _parts(rows: NDArray[Any]) -> list[NDArray[Any]]:
+    return [rows[first : first + TOGETHER] for first in range(0, len(rows), TOGETHER)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +92,11 @@ class BoxClassifier:
     model: ScoreModel
     back: bool = False
 
-    def scores(self, rgb: NDArray[np.uint8], box: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Log odds (n,) that boxes (n, 4) of an image (height, width, 3) show such a panel."""
-        found = self.network.scores(rgb, box)
+    def scores(
+        self, shown: Iterable[tuple[NDArray[np.uint8], NDArray[np.float32]]]
+    ) -> NDArray[np.float32]:
+        """Log odds (n,) that boxes show such a panel: of images (height, width, 3), each with its boxes (k, 4)."""
+        images = list(shown)
+        patches = np.concatenate([drawn_patches(rgb, box) for rgb, box in images])
+        found = self.network.scores_of_patches(patches, np.concatenate([box for _, box in images]))
         return found.back if self.back else found.front

@@ -37,26 +37,21 @@ def add_predicted_views(
     """
     landmark, frame, box = predicted_boxes(fits, window)
     back = np.array([fit.back for fit in fits], np.bool_)[landmark]
-    groups = [
-        (k, side, np.flatnonzero((frame == k) & (back == side)))
-        for k in np.unique(frame).tolist()
-        for side in sorted(classifiers)
-    ]
-
-    def scores(group: tuple[int, bool, NDArray[np.int64]]) -> NDArray[np.float32]:
-        k, side, rows = group
-        rgb = window[k].rgb
-        if rgb is None or not len(rows):
-            return np.full(len(rows), -np.inf, np.float32)
-        return classifiers[side].scores(rgb, box[rows])
-
+    score, good = np.zeros(len(box), np.float32), np.zeros(len(box), np.bool_)
+    for side, one in classifiers.items():
+        own = [np.flatnonzero((frame == k) & (back == side)) for k in range(len(window))]
+        images = [(h.rgb, r) for h, r in zip(window, own, strict=True) if len(r)]
+        shown = [(rgb, box[rows]) for rgb, rows in images if rgb is not None]
+        if shown:
+            rows = np.concatenate([rows for rgb, rows in images if rgb is not None])
+            score[rows] = one.scores(shown)
+            good[rows] = score[rows] >= one.model.threshold
     views: list[list[tuple[int, int]]] = [[] for _ in fits]
-    for (k, side, rows), found in zip(groups, map(scores, groups), strict=True):
-        good = found >= classifiers[side].model.threshold
-        if good.any():
-            added = window[k].add(box[rows[good]], found[good], back=side)
-            for number, row in zip(landmark[rows[good]].tolist(), added, strict=True):
-                views[number].append((k, row))
+    for k, side in sorted(set(zip(frame[good].tolist(), back[good].tolist(), strict=True))):
+        rows = np.flatnonzero(good & (frame == k) & (back == side))
+        added = window[k].add(box[rows], score[rows], back=side)
+        for number, row in zip(landmark[rows].tolist(), added, strict=True):
+            views[number].append((k, row))
     return [
         _extended(fit, new, window) if new else fit for fit, new in zip(fits, views, strict=True)
     ]

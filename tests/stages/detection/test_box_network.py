@@ -113,7 +113,7 @@ def test_a_classifier_has_the_log_odds_of_its_side():
     found, boxes = network().scores(scene(), GROUND), GROUND
     for back, wanted in ((False, found.front), (True, found.back)):
         side = BoxClassifier(network(), ScoreModel(1.5, "made up"), back=back)
-        np.testing.assert_array_equal(side.scores(scene(), boxes), wanted)
+        np.testing.assert_array_equal(side.scores([(scene(), boxes)]), wanted)
 
 
 @pytest.mark.parametrize(
