@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import Rows
-from wayside.stages.geometry import Midpoints, pair_midpoint
+from wayside.stages.geometry import meet_rays
 from wayside.stages.kernels import compiled
 from wayside.stages.mapping.triangulation import projected
 
@@ -99,39 +99,62 @@ def pair_hypotheses(
     window. `gap_px`: largest gap of the two rays, pixels, before the share of the height. `likely` (p, 2): rows to try,
     the first ones ascending; None: all seeds.
     """
-    c, ray, size = candidates, candidates.table["ray"], candidates.table["size"]
+    c = candidates
     if likely is None:
         spans = c.first[[[older.start, older.stop], [newer, newer + 1]]].tolist()
         one, two = (first + np.flatnonzero(c.table["seed"][first:end]) for first, end in spans)
         likely = np.stack([np.repeat(one, len(two)), np.tile(two, len(one))], axis=1)
-    back = c.table["back"][likely]
-    i, j = likely[back[:, 0] == back[:, 1]].T
-    # in the newer camera's frame: its axes tell where a panel is plausible
-    to_newer, met = c.rotation[newer].T, []
-    ends = np.searchsorted(i, c.first[older.start : older.stop + 1]).tolist()
-    for frame, first, end in zip(older, ends, ends[1:], strict=False):
-        centre = to_newer @ (c.centre[frame] - c.centre[newer])
-        rays = ray[j[first:end]], ray[i[first:end]]
-        met.append(pair_midpoint(*rays, to_newer @ c.rotation[frame], centre))
-    found = Midpoints._make(map(np.concatenate, zip(*met, strict=True)))
-    x, y, z = found.point.T
-    depth = found.along / np.sqrt(1 + (ray[np.stack([j, i], axis=1)] ** 2).sum(axis=2))
-    metric = size[np.stack([j, i])] * depth.T[:, :, None]
-    least, most = metric.min(axis=0), metric.max(axis=0)
-    loose = HORIZON_SLOPE * z
-    with np.errstate(divide="ignore", invalid="ignore"):
-        metres = np.sqrt(metric.prod(axis=0))
-        gap = c.focal[newer] * found.gap / z
-    good = (depth > NEAREST_M).all(axis=1) & (depth[:, 0] < FARTHEST_M)
-    good &= (most <= least * (WIDER, TALLER)).all(axis=1)
-    good &= gap <= gap_px + GAP_SHARE * c.focal[newer] * size[j, 1]
-    good &= np.abs(x) <= ASIDE_M + loose
-    good &= (y <= BELOW_M + loose) & (-y <= ABOVE_M + loose)
-    good &= (metres >= SMALLEST_M).all(axis=1)
-    good &= (metres <= LARGEST_M).all(axis=1)
-    point = c.centre[newer] + found.point[good] @ to_newer
-    pairs = np.stack([i[good], j[good]], axis=1)
-    return pairs, Hypotheses(point, metres[good], c.table["back"][pairs[:, 1]])
+    n = len(likely)
+    found = Hypotheses(np.empty((n, 3)), np.empty((n, 2)), np.empty(n, np.bool_))
+    pairs = likely.copy()
+    kept = _meet(c, pairs, older.start, newer, gap_px, found.point, found.size, found.back)
+    return pairs[:kept], found.select(np.s_[:kept])
+
+
+@compiled
+def _meet(
+    c: WindowCandidates,
+    pairs: NDArray[np.int64],
+    frame: int,
+    newer: int,
+    gap_px: float,
+    points: NDArray[np.float64],
+    metres: NDArray[np.float64],
+    backs: NDArray[np.bool_],
+) -> int:
+    """Move the plausible pairs to the front, and fill what they may show; their number. `frame`: the first one's."""
+    rays, sizes, back = c.table["ray"], c.table["size"], c.table["back"]
+    one, other, point = np.ones((1, 3)), np.ones((1, 3)), np.empty((1, 3))
+    gap, along, count, focal = np.empty(1), np.empty((1, 2)), 0, c.focal[newer]
+    # world axes about the newer camera, whose axes tell where a panel is plausible
+    axes, zero = c.rotation[newer], np.zeros(3)
+    for n in range(pairs.shape[0]):
+        i, j = pairs[n]
+        while i >= c.first[frame + 1]:
+            frame += 1
+        if back[i] != back[j]:
+            continue
+        for k in range(3):
+            r, s = c.rotation[frame, k], axes[k]
+            one[0, k] = s[0] * rays[j, 0] + s[1] * rays[j, 1] + s[2]
+            other[0, k] = r[0] * rays[i, 0] + r[1] * rays[i, 1] + r[2]
+        meet_rays(zero, c.centre[frame] - c.centre[newer], one, other, point, gap, along)
+        u, v, z = projected(point[0], axes, zero)
+        near = along[0, 0] / np.sqrt(1 + rays[j, 0] ** 2 + rays[j, 1] ** 2)
+        far = along[0, 1] / np.sqrt(1 + rays[i, 0] ** 2 + rays[i, 1] ** 2)
+        loose, good = HORIZON_SLOPE * z, far > NEAREST_M and NEAREST_M < near < FARTHEST_M
+        good &= focal * gap[0] / z <= gap_px + GAP_SHARE * focal * sizes[j, 1]
+        good &= abs(u * z) <= ASIDE_M + loose and -ABOVE_M - loose <= v * z <= BELOW_M + loose
+        for k in range(2):
+            a, b = sizes[j, k] * near, sizes[i, k] * far
+            metres[count, k] = np.sqrt(a * b)
+            good &= max(a, b) <= (WIDER, TALLER)[k] * min(a, b)
+            good &= SMALLEST_M[k] <= metres[count, k] <= LARGEST_M[k]
+        if good:
+            pairs[count, 0], pairs[count, 1], backs[count] = i, j, back[j]
+            points[count] = c.centre[newer] + point[0]
+            count += 1
+    return count
 
 
 def associate(
