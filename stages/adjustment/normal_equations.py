@@ -111,7 +111,7 @@ def uncertainty(
     Both are nan where there is no inverse.
     """
     reduce_points(normal, 0.0)
-    own, size = normal.inverse[0], len(normal.step)
+    own = normal.inverse[0]
     reach = own @ normal.mixed[0]  # change of the right side by the point, negative
     try:
         half = np.linalg.inv(np.linalg.cholesky(normal.reduced))
@@ -120,7 +120,7 @@ def uncertainty(
     # covariance of the poses with the point
     spread = half.T @ (half @ reach.T)
     # change (p, 3, 3) of it by each point's right side
-    back = normal.inverse @ (normal.mixed.reshape(-1, size) @ spread).reshape(-1, 3, 3)
+    back = normal.inverse @ np.tensordot(normal.mixed, spread, 1)
     back[0] += own
     weight = 1 / ((1 + (estimate.residuals**2).sum(axis=1) / blocks.scale**2) * blocks.sigma)
     by_frame = spread.reshape(-1, 6, 3)[blocks.frames].reshape(-1, 12, 3)

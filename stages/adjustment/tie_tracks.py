@@ -61,9 +61,7 @@ def ties_of_step(
     ties, pose = motion.ties, motion.step
     if ties is None or pose is None:
         return NO_TIES
-    kept = ties.sigma_px < SLIDING_PX
-    if inliers:
-        kept &= ties.inlier
+    kept = np.flatnonzero((ties.sigma_px < SLIDING_PX) & (ties.inlier | (not inliers)))
     source = rays_of_ideal(before, ties.previous[kept])
     target = rays_of_ideal(now, ties.current[kept])
     return StepTies(

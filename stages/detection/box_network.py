@@ -63,25 +63,21 @@ class BoxNetwork:
 
     def scores(self, rgb: NDArray[np.uint8], box: NDArray[np.float32]) -> BoxScores:
         """Of boxes (n, 4) of an image (height, width, 3)."""
-        return self._scores((drawn_patches(rgb, some), some) for some in _parts(box))
+        return self.scores_of_patches(drawn_patches(rgb, box), box)
 
     def scores_of_patches(self, patches: NDArray[np.uint8], box: NDArray[np.float32]) -> BoxScores:
         """Of boxes (n, 4) of any images, by their patches, see `drawn_patches`."""
-        return self._scores(zip(_parts(patches), _parts(box), strict=True))
-
-    def _scores(self, parts: Iterable[tuple[NDArray[np.uint8], NDArray[np.float32]]]) -> BoxScores:
-        none = np.zeros((0, BOX_VALUES), np.float32)
-        values = np.concatenate([none, *(self._values(*part) for part in parts)])
+        parts = [np.zeros((0, BOX_VALUES), np.float32)]
+        for first in range(0, len(box), TOGETHER):
+            rows = slice(first, first + TOGETHER)
+            parts.append(self._values(patches[rows], box[rows]))
+        values = np.concatenate(parts)
         columns = np.split(values, [1, OFFSET_AT, COLOR_AT, SHAPE_AT], axis=1)
         return BoxScores(columns[0][:, 0], columns[1][:, 0], *columns[2:])
 
     def _values(self, patches: NDArray[np.uint8], box: NDArray[np.float32]) -> NDArray[np.float32]:
         seen = {PATCHES: log_levels(patches), SIZES: box[:, 2:] - box[:, :2]}
         return self._network.run(seen)[BOX_OUTPUT]
-
-
-def _parts(rows: NDArray[Any]) -> list[NDArray[Any]]:
-    return [rows[first : first + TOGETHER] for first in range(0, len(rows), TOGETHER)]
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,6 @@ from wayside.stages.geometry.path import FrenetOffset as FrenetOffset
 from wayside.stages.geometry.path import frenet_offset as frenet_offset
 from wayside.stages.geometry.path import median_longitude_deg as median_longitude_deg
 from wayside.stages.geometry.path import turn_deg as turn_deg
-from wayside.stages.geometry.ray_midpoint import Midpoints as Midpoints
 from wayside.stages.geometry.ray_midpoint import meet_rays as meet_rays
 from wayside.stages.geometry.ray_midpoint import pair_midpoint as pair_midpoint
 from wayside.stages.geometry.ray_midpoint import pair_residual as pair_residual

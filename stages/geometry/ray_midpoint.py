@@ -30,35 +30,19 @@ class Midpoints(NamedTuple):
         return np.asarray((self.along > 0).all(axis=1))
 
 
-def midpoint(c0: Floats, c1: Floats, d0: Floats, d1: Floats) -> Midpoints:
-    """Midpoint of the shortest segment between two rays (report eqs. 7.1 to 7.4).
-
-    `c0`, `c1` (3,): camera centres. `d0`, `d1` (n, 3): directions of the rays in the same frame, of any length.
-
-    Returns nan where the rays are parallel (q1 x q2 = 0: at the focus of expansion, or without a baseline they meet at
-    the common centre).
-
-    Raises ValueError where the shapes do not fit.
-    """
-    first, second = shaped(d0, (-1, 3)), shaped(d1, (-1, 3))
-    if len(first) != len(second):
-        raise ValueError(f"{len(first)} rays of the first view, but {len(second)} of the second")
-    point, along = np.empty_like(first), np.empty((len(first), 2))
-    gap = np.empty(len(first))
-    meet_rays(shaped(c0, (3,)), shaped(c1, (3,)), first, second, point, gap, along)
-    return Midpoints(point, gap, along)
-
-
 def pair_midpoint(previous: Floats, current: Floats, rotation: Floats, centre: Floats) -> Midpoints:
-    """Midpoints of rays (n, 2), as (x/z, y/z), of two images, in the axes of the first camera.
+    """Midpoints of the shortest segments between rays (n, 2), as (x/z, y/z), of two images (report eqs. 7.1 to 7.4).
 
-    rotation (3, 3) and centre (3,): pose of the second camera in the first one's frame.
+    In the axes of the first camera. rotation (3, 3) and centre (3,): pose of the second camera in the first one's
+    frame. nan where the rays are parallel (q1 x q2 = 0: at the focus of expansion, or without a baseline they meet at
+    the common centre). Raises ValueError where the shapes do not fit.
     """
-    first, second = np.asarray(previous, np.float64), np.asarray(current, np.float64)
-    ones, axes = np.ones((len(first), 1)), np.asarray(rotation, np.float64)
-    return midpoint(
-        np.zeros(3), centre, np.hstack([first, ones]), np.hstack([second, ones]) @ axes.T
-    )
+    n, ones = len(previous), np.ones((len(previous), 1))
+    first, second = (np.hstack([shaped(rays, (n, 2)), ones]) for rays in (previous, current))
+    second = second @ shaped(rotation, (3, 3)).T
+    point, gap, along = np.empty((n, 3)), np.empty(n), np.empty((n, 2))
+    meet_rays(np.zeros(3), shaped(centre, (3,)), first, second, point, gap, along)
+    return Midpoints(point, gap, along)
 
 
 def points_of_second(previous: Floats, current: Floats, rotation: Floats, centre: Floats) -> Array:
@@ -105,7 +89,7 @@ def pair_residual(
 def meet_rays(
     c0: Array, c1: Array, d0: Array, d1: Array, point: Array, gap: Array, along: Array
 ) -> None:
-    """Kernel of `midpoint`, for other kernels: fills point (n, 3), gap (n,), along (n, 2)."""
+    """Kernel of `pair_midpoint`, for other kernels: fills point (n, 3), gap (n,), along (n, 2)."""
     x, y, z = c1[0] - c0[0], c1[1] - c0[1], c1[2] - c0[2]
     for i in range(d0.shape[0]):
         p, q = d0[i], d1[i]

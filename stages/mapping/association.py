@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.detections import Rows
 from wayside.stages.geometry import meet_rays
-from wayside.stages.kernels import compiled
+from wayside.stages.kernels import Array, compiled
 from wayside.stages.mapping.triangulation import projected
 
 # Set on the development drives, where no other reason is given.
@@ -42,6 +42,7 @@ LEAST_SUM = -1.0
 """Hypotheses with a smaller sum over their views are dropped, log odds."""
 EXPECTED_PX = 14.0
 """Height from which a view is expected, px."""
+Pairs = NDArray[np.int64]
 
 
 class WindowCandidates(NamedTuple):
@@ -91,8 +92,8 @@ def pair_hypotheses(
     older: range,
     newer: int,
     gap_px: float,
-    likely: NDArray[np.int64] | None = None,
-) -> tuple[NDArray[np.int64], Hypotheses]:
+    likely: Pairs | None = None,
+) -> tuple[Pairs, Hypotheses]:
     """Pairs of candidates, of older frames and of the newer, whose rays meet plausibly with like sizes: rows (k, 2).
 
     The point is the midpoint of the two rays (report eqs. 7.1 to 7.4). `older`, `newer`: frames, as positions in the
@@ -104,25 +105,17 @@ def pair_hypotheses(
         spans = c.first[[[older.start, older.stop], [newer, newer + 1]]].tolist()
         one, two = (first + np.flatnonzero(c.table["seed"][first:end]) for first, end in spans)
         likely = np.stack([np.repeat(one, len(two)), np.tile(two, len(one))], axis=1)
-    n = len(likely)
-    found = Hypotheses(np.empty((n, 3)), np.empty((n, 2)), np.empty(n, np.bool_))
-    pairs = likely.copy()
-    kept = _meet(c, pairs, older.start, newer, gap_px, found.point, found.size, found.back)
-    return pairs[:kept], found.select(np.s_[:kept])
+    pairs, point, size = likely.copy(), np.empty((len(likely), 3)), np.empty((len(likely), 2))
+    pairs = pairs[: _meet(c, pairs, older.start, newer, gap_px, point, size)]
+    back = c.table["back"][pairs[:, 1]]
+    return pairs, Hypotheses(point[: len(pairs)], size[: len(pairs)], back)
 
 
 @compiled
 def _meet(
-    c: WindowCandidates,
-    pairs: NDArray[np.int64],
-    frame: int,
-    newer: int,
-    gap_px: float,
-    points: NDArray[np.float64],
-    metres: NDArray[np.float64],
-    backs: NDArray[np.bool_],
+    c: WindowCandidates, pairs: Pairs, f: int, newer: int, gap_px: float, points: Array, size: Array
 ) -> int:
-    """Move the plausible pairs to the front, and fill what they may show; their number. `frame`: the first one's."""
+    """Move the plausible pairs to the front, and fill what they may show; their number. `f`: frame of the first one."""
     rays, sizes, back = c.table["ray"], c.table["size"], c.table["back"]
     one, other, point = np.ones((1, 3)), np.ones((1, 3)), np.empty((1, 3))
     gap, along, count, focal = np.empty(1), np.empty((1, 2)), 0, c.focal[newer]
@@ -130,15 +123,15 @@ def _meet(
     axes, zero = c.rotation[newer], np.zeros(3)
     for n in range(pairs.shape[0]):
         i, j = pairs[n]
-        while i >= c.first[frame + 1]:
-            frame += 1
+        while i >= c.first[f + 1]:
+            f += 1
         if back[i] != back[j]:
             continue
         for k in range(3):
-            r, s = c.rotation[frame, k], axes[k]
+            r, s = c.rotation[f, k], axes[k]
             one[0, k] = s[0] * rays[j, 0] + s[1] * rays[j, 1] + s[2]
             other[0, k] = r[0] * rays[i, 0] + r[1] * rays[i, 1] + r[2]
-        meet_rays(zero, c.centre[frame] - c.centre[newer], one, other, point, gap, along)
+        meet_rays(zero, c.centre[f] - c.centre[newer], one, other, point, gap, along)
         u, v, z = projected(point[0], axes, zero)
         near = along[0, 0] / np.sqrt(1 + rays[j, 0] ** 2 + rays[j, 1] ** 2)
         far = along[0, 1] / np.sqrt(1 + rays[i, 0] ** 2 + rays[i, 1] ** 2)
@@ -147,11 +140,11 @@ def _meet(
         good &= abs(u * z) <= ASIDE_M + loose and -ABOVE_M - loose <= v * z <= BELOW_M + loose
         for k in range(2):
             a, b = sizes[j, k] * near, sizes[i, k] * far
-            metres[count, k] = np.sqrt(a * b)
+            size[count, k] = np.sqrt(a * b)
             good &= max(a, b) <= (WIDER, TALLER)[k] * min(a, b)
-            good &= SMALLEST_M[k] <= metres[count, k] <= LARGEST_M[k]
+            good &= SMALLEST_M[k] <= size[count, k] <= LARGEST_M[k]
         if good:
-            pairs[count, 0], pairs[count, 1], backs[count] = i, j, back[j]
+            pairs[count, 0], pairs[count, 1] = i, j
             points[count] = c.centre[newer] + point[0]
             count += 1
     return count

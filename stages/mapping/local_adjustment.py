@@ -53,7 +53,7 @@ CELL_PX = 70.0
 """One tie is kept in each cell of this size, longest tracks first."""
 VARIANCE_FACTOR = 0.85
 """Variance of normal errors under the robust costs, by the weights: 0.83 for rays, 0.86 for ties (integrals)."""
-WINDOW_GAIN = 1e-3
+WINDOW_GAIN = 3e-3
 """The adjustment of a window ends where an iteration lowers the cost by a smaller fraction: 90 % within 0.1 sigma."""
 
 

@@ -5,11 +5,15 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from wayside.stages.geometry.ray_midpoint import midpoint, pair_residual
+from wayside.stages.geometry.ray_midpoint import pair_midpoint, pair_residual
 from wayside.stages.mapping.triangulation import triangulate_views
 
 SIGMA = 0.25 / 1400
 small = st.floats(-0.1, 0.1)
+
+
+def rays_of(points):
+    return points[:, :2] / points[:, 2:]
 
 
 def drive(views=6, seed=0, noise=SIGMA, point=(3.1, -0.6, 62.0)):
@@ -18,7 +22,7 @@ def drive(views=6, seed=0, noise=SIGMA, point=(3.1, -0.6, 62.0)):
     rotations = Rotation.from_rotvec(generator.normal(0, 0.02, (views, 3))).as_matrix()
     centres = np.c_[generator.normal(0, 0.05, (views, 2)), 8.05 * np.arange(views)]
     local = np.einsum("nji,nj->ni", rotations, np.array(point) - centres)
-    rays = local[:, :2] / local[:, 2:] + generator.normal(0, noise, (views, 2))
+    rays = rays_of(local) + generator.normal(0, noise, (views, 2))
     return rotations, centres, rays, np.full(views, SIGMA)
 
 
@@ -27,7 +31,7 @@ def test_the_midpoint_and_its_residual_are_those_of_equations_7_3_and_7_5():
     previous = rng.uniform(-0.3, 0.3, (20, 2))
     current = 1.5 * previous + rng.normal(0, 0.01, (20, 2))  # points some 24 m ahead
     d0, d1 = (np.c_[half, np.ones(20)] for half in (previous, current))
-    found = midpoint(np.zeros(3), centre, d0, d1)
+    found = pair_midpoint(previous, current, np.eye(3), centre)
     residual = pair_residual(previous, current, np.eye(3), centre, (1400.0, 1400.0))
     for i in range(20):
         q3 = np.cross(d0[i], d1[i])
@@ -43,28 +47,24 @@ def test_the_midpoint_and_its_residual_are_those_of_equations_7_3_and_7_5():
 
 
 @given(st.tuples(small, small, small), st.tuples(small, small, small))
-def test_rays_that_meet_give_their_meeting_point_in_any_frame(turn, shift):
-    rotation = Rotation.from_rotvec(turn).as_matrix()
+def test_rays_that_meet_give_their_meeting_point_whatever_the_pose(turn, shift):
+    rotation, centre = Rotation.from_rotvec(turn).as_matrix(), np.array([0.1, 0.0, 8.05]) + shift
     points = np.array([[3.1, -0.6, 20.0], [-4.0, -2.0, 35.0]])
-    c0, c1 = np.zeros(3), np.array([0.1, 0.0, 8.05])
-    moved = points @ rotation.T + shift
-    centres = c0 @ rotation.T + shift, c1 @ rotation.T + shift
-    found = midpoint(*centres, (points - c0) @ rotation.T, (points - c1) @ rotation.T)
-    np.testing.assert_allclose(found.point, moved, atol=1e-7)
+    found = pair_midpoint(*map(rays_of, (points, (points - centre) @ rotation)), rotation, centre)
+    np.testing.assert_allclose(found.point, points, atol=1e-7)
     assert found.ahead.all()
     assert (found.gap < 1e-9).all()
 
 
 def test_rays_that_do_not_meet_ahead_are_flagged():
-    forward, c1 = np.array([[0.0, 0.0, 1.0]]), np.array([0.0, 0.0, 8.0])
-    point = np.array([2.0, 0.0, -10.0])
-    parallel = midpoint(np.zeros(3), c1, forward, forward * 2)
-    still = midpoint(np.zeros(3), np.zeros(3), forward, np.array([[0.1, 0, 1]]))
-    behind = midpoint(np.zeros(3), c1, -point[None], (c1 - point)[None])
-    found = [one.point[0] for one in (parallel, still, behind)]
-    np.testing.assert_allclose(found, [[np.nan] * 3, [0, 0, 0], point])
-    assert (behind.along < 0).all()
-    assert not np.concatenate([parallel.ahead, still.ahead, behind.ahead]).any()
+    forward, c1, point = np.zeros((1, 2)), np.array([0.0, 0.0, 8.0]), np.array([[2.0, 0.0, -10.0]])
+    parallel = pair_midpoint(forward, forward, np.eye(3), c1)
+    at_rest = pair_midpoint(forward, np.array([[0.1, 0.0]]), np.eye(3), np.zeros(3))
+    behind = pair_midpoint(rays_of(point), rays_of(point - c1), np.eye(3), c1)
+    point_of, _, along_of = map(np.concatenate, zip(parallel, at_rest, behind, strict=True))
+    np.testing.assert_allclose(point_of, [[np.nan] * 3, [0, 0, 0], point[0]])
+    assert (along_of[2] < 0).all()
+    assert not (parallel.ahead | at_rest.ahead | behind.ahead).any()
 
 
 @pytest.mark.parametrize("views", [2, 3, 8])
