@@ -22,8 +22,8 @@ _AHEAD = f"import gc; gc.disable(); from {__name__} import compile_from_last; co
 def compiled_ahead() -> list[tuple[Any, Any]]:
     """Kernels that preset `default` calls, about in the order of use, each with the types of its arguments.
 
-    In `kernel_types.json`, "2 float64" is an array of two dimensions, a list a tuple, {"module:name": [...]} a named
-    tuple; numbers stand for themselves.
+    In `kernel_types.json`, "2 float64" is an array of two dimensions, "0 float32" a number, a list a tuple,
+    {"module:name": [...]} a named tuple; other numbers stand for themselves.
     """
     described = json.loads(_TYPES.read_text())
     return [(_named(name), _typed(_example(arguments))) for name, arguments in described.items()]
@@ -48,7 +48,7 @@ def _example(described: Any) -> Any:
     """A value of a described type."""
     if isinstance(described, str):
         dimensions, _, dtype = described.partition(" ")
-        return np.zeros((1,) * int(dimensions), _named(dtype) if ":" in dtype else dtype)
+        return np.zeros((1,) * int(dimensions), _named(dtype) if ":" in dtype else dtype)[()]
     if isinstance(described, dict):
         ((name, fields),) = described.items()
         return _named(name)(*map(_example, fields))
