@@ -21,10 +21,11 @@ def class_distances(
     values: NDArray[np.floating[Any]], classes: Sequence[GaussianClass]
 ) -> NDArray[np.float64]:
     """Mahalanobis distance of each value (n, d) to each class: (n, classes), eq. 3.1."""
-    mean = np.stack([one.mean for one in classes])[:, None]
     white = np.linalg.inv(np.linalg.cholesky(np.stack([one.covariance for one in classes])))
-    off = (np.asarray(values, np.float64) - mean) @ white.transpose(0, 2, 1)
-    return np.asarray(np.linalg.norm(off, axis=2).T)
+    middle = np.einsum("kij,kj->ki", white, np.stack([one.mean for one in classes]))
+    k, d = middle.shape
+    off = white.reshape(-1, d) @ np.asarray(values, np.float64).T - middle.reshape(-1, 1)
+    return np.asarray(np.sqrt((off**2).reshape(k, d, off.shape[1]).sum(axis=1)).T)
 
 
 def log_normals(

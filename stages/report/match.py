@@ -28,11 +28,11 @@ AROUND = 1.5
 """Sides of what is described, in sides of the region's box: the face and the edge around it."""
 LARGEST_ENTRY = 0.2
 """No entry of a normalised descriptor is larger (Lowe 2004)."""
-_LEVELS, _CELLS, _SAMPLES, _ANGLES, _STRIDE = 4, 4, 16, 8, 12
+_LEVELS, _CELLS, _WIDE, _ANGLES, _STRIDE = 4, 4, 4, 8, 12
+_SAMPLES = _CELLS * _WIDE
 _turn = np.arange(_ANGLES) * (2 * np.pi / _ANGLES)
-_DIRECTIONS = np.stack([np.cos(_turn), np.sin(_turn)], axis=1).astype(np.float32)
-_middles = (np.arange(_SAMPLES) + 0.5) * (_CELLS / _SAMPLES) - 0.5
-_WEIGHTS = np.maximum(0, 1 - abs(_middles - np.arange(_CELLS)[:, None])).astype(np.float32)
+_DIRECTIONS = np.stack([np.cos(_turn), np.sin(_turn)]).astype(np.float32)
+_TENT = (1 - abs(np.arange(2 * _WIDE) + 0.5 - _WIDE) / _WIDE).astype(np.float32)
 
 
 def extract_sift(images: Iterator[Detections]) -> Iterator[Detections]:
@@ -58,14 +58,16 @@ def describe_regions(grey: NDArray[np.uint8], regions: Regions) -> NDArray[np.fl
     side = regions.box[:, 2:] - regions.box[:, :2]
     middle, step = box_centers(regions.box), side * (AROUND / _SAMPLES)
     level = np.clip(np.log2(step).mean(axis=1).astype(np.int64), 0, _LEVELS - 1)
-    image, cells = grey, np.zeros((len(regions), _CELLS, _CELLS, _ANGLES), np.float32)
+    below = (middle + _SAMPLES * step)[:, 1].max(initial=0.0)
+    image = grey[: int(below) // 2**_LEVELS * 2**_LEVELS + 2**_LEVELS]
+    cells = np.zeros((len(regions), _CELLS, _CELLS, _ANGLES), np.float32)
     for k in range(_LEVELS):
         rows = np.flatnonzero(level == k)
         if k > 0:
             half = [max(n // 2, 1) for n in image.shape[::-1]]
             image = np.asarray(cv2.resize(image, half, interpolation=cv2.INTER_AREA), np.uint8)
         at = (middle + 0.5) / 2**k - 0.5
-        _describe(image, rows, at, step / 2**k, _DIRECTIONS, _WEIGHTS, cells)
+        _describe(image, rows, at, step / 2**k, cells)
     found = cells.reshape(len(regions), _CELLS * _CELLS * _ANGLES)
     for most in (LARGEST_ENTRY, np.inf):
         found = np.minimum(
@@ -81,32 +83,35 @@ def _describe(
     rows: NDArray[np.int64],
     middle: Array,
     step: Array,
-    directions: NDArray[np.float32],
-    weights: NDArray[np.float32],
     found: NDArray[np.float32],
 ) -> None:
-    """Gradients (n, cells, cells, angles) of the patches of some rows: points (n, 2), steps (n, 2) between samples."""
+    """Gradients (n, cells, cells, angles) of the patches of some rows: points (n, 2), steps (n, 2) between samples.
+
+    A sample counts in the two cells around it, less with its distance from their middles: `_TENT`.
+    """
     patch = np.empty((_SAMPLES + 2, _SAMPLES + 2), np.float32)
-    across, along = np.empty((_CELLS, _ANGLES), np.float32), np.empty(_ANGLES, np.float32)
+    along = np.zeros((_SAMPLES + _WIDE, _ANGLES), np.float32)  # from half a cell before the first
+    across = np.empty((_CELLS, _ANGLES), np.float32)
     for i in rows:
         _sample(image, middle[i, 0], middle[i, 1], step[i, 0], step[i, 1], patch)
         for a in range(_SAMPLES):
-            across[:] = 0
             for b in range(_SAMPLES):
                 right = patch[a + 1, b + 2] - patch[a + 1, b]
                 down = patch[a + 2, b + 1] - patch[a, b + 1]
                 for k in range(_ANGLES):
-                    turned = right * directions[k, 0] + down * directions[k, 1]
-                    along[k] = max(turned, np.float32(0))
-                for c in range(_CELLS):
-                    if weights[c, b] > 0:
-                        for k in range(_ANGLES):
-                            across[c, k] += weights[c, b] * along[k]
+                    turned = right * _DIRECTIONS[0, k] + down * _DIRECTIONS[1, k]
+                    along[b + _WIDE // 2, k] = max(turned, np.float32(0))
+            for c in range(_CELLS):
+                for k in range(_ANGLES):
+                    total = np.float32(0)
+                    for b in range(2 * _WIDE):
+                        total += _TENT[b] * along[_WIDE * c + b, k]
+                    across[c, k] = total
             for r in range(_CELLS):
-                if weights[r, a] > 0:
-                    for c in range(_CELLS):
-                        for k in range(_ANGLES):
-                            found[i, r, c, k] += weights[r, a] * across[c, k]
+                b = a + _WIDE // 2 - _WIDE * r
+                for c in range(_CELLS if 0 <= b < 2 * _WIDE else 0):
+                    for k in range(_ANGLES):
+                        found[i, r, c, k] += _TENT[b] * across[c, k]
 
 
 @compiled_within
@@ -121,17 +126,20 @@ def _sample(
     """Bilinear samples around a point; beyond the image its edge goes on."""
     height, width = image.shape
     size = _SAMPLES + 2
+    left, share = np.empty(size, np.uint64), np.empty(size, np.float32)
+    for b in range(size):
+        u = min(max(x + (b - (size - 1) / 2) * right, 0.0), width - 1.0)
+        left[b] = min(np.int64(u), width - 2)
+        share[b] = u - left[b]
     for a in range(size):
         v = min(max(y + (a - (size - 1) / 2) * down, 0.0), height - 1.0)
         top = min(np.int64(v), height - 2)
-        t = np.float32(v - top)
+        t, upper, lower = np.float32(v - top), image[top], image[top + 1]
         for b in range(size):
-            u = min(max(x + (b - (size - 1) / 2) * right, 0.0), width - 1.0)
-            left = min(np.int64(u), width - 2)
-            s = np.float32(u - left)
-            one, two = np.float32(image[top, left]), np.float32(image[top, left + 1])
+            s, here, after = share[b], left[b], left[b] + np.uint64(1)
+            one, two = np.float32(upper[here]), np.float32(upper[after])
             above = one + s * (two - one)
-            one, two = np.float32(image[top + 1, left]), np.float32(image[top + 1, left + 1])
+            one, two = np.float32(lower[here]), np.float32(lower[after])
             below = one + s * (two - one)
             patch[a, b] = above + t * (below - above)
 

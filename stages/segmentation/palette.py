@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.kernels import Array, compiled, compiled_within, require_array, require_image
+from wayside.stages.kernels import compiled, compiled_within, require_array, require_image
 
 MOST_CENTERS = 256
 """A label image holds bytes."""
@@ -46,7 +46,8 @@ def sample_colors(rgb: NDArray[np.uint8], at_least: int) -> NDArray[np.uint8]:
     if height * width == 0:
         raise ValueError(f"rgb: an image of {width} x {height} has no pixel")
     step = max(1, min(isqrt(height * width // at_least), height, width))
-    return np.ascontiguousarray(rgb[step // 2 :: step, step // 2 :: step].reshape(-1, 3))
+    pixels = rgb.view("V3")[step // 2 :: step, step // 2 :: step]  # three bytes are copied as one
+    return np.ascontiguousarray(pixels).view(np.uint8).reshape(-1, 3)
 
 
 def palette(sample: NDArray[np.uint8], clusters: int) -> NDArray[np.uint8]:
@@ -57,15 +58,17 @@ def palette(sample: NDArray[np.uint8], clusters: int) -> NDArray[np.uint8]:
     if not 2 <= clusters <= MOST_CENTERS:
         raise ValueError(f"clusters: {clusters} is outside 2 to {MOST_CENTERS}. Set another k.")
     require_array(sample, "sample", np.uint8, (None, 3))
-    sums, weight = np.zeros((3, len(sample))), np.zeros(len(sample), np.float32)
-    used = _fill_bins(sample, sums, weight)
-    mean = (sums[:, :used] * (np.float32(1) / weight[:used])).astype(np.float32)
+    bins = np.empty(len(sample), np.uint16)
+    sums = _sums(sample, bins, _number_bins(sample, bins))
+    weight = sums[:, 3].astype(np.float32)
+    mean = (sums[:, :3] * (np.float32(1) / weight)[:, None]).T.astype(np.float32, "C")
     centers = np.empty((clusters, 3), np.float32)
-    _spread_start(mean, weight[:used], centers)
-    _settle(mean, weight[:used], centers, LLOYD_STEPS)
-    centers[:], weight[:] = np.rint(centers), 1
-    _settle(sample.T.astype(np.float32, "C"), weight, centers, 1)
+    _spread_start(mean, weight, centers)
+    _settle(mean, weight, centers)
     rounded = np.rint(centers).astype(np.uint8)
+    sums = _sums(sample, nearest_centers(sample, rounded)[0].astype(np.uint16), clusters)
+    filled = sums[:, 3] > 0
+    rounded[filled] = np.rint(sums[filled, :3] / sums[filled, 3:])
     order = np.lexsort((*rounded.T[::-1], rounded.sum(axis=1, dtype=np.int64)))
     return np.asarray(rounded[order])
 
@@ -98,19 +101,29 @@ def nearest_centers(
 
 
 @compiled
-def _fill_bins(pixels: NDArray[np.uint8], sums: Array, weight: Floats) -> int:
-    """Number the bins in the order in which the pixels (n, 3) meet them, and count and add up their colours."""
-    number, used = np.full(_BINS, -1, np.int32), 0
+def _number_bins(pixels: NDArray[np.uint8], bins: NDArray[np.uint16]) -> int:
+    """Number the bins in the order in which the pixels (n, 3) meet them: that of each pixel (n,), and how many."""
+    number, used = np.full(_BINS, _BINS, np.uint16), 0
     for i in range(pixels.shape[0]):
-        r, g, b = np.int64(pixels[i, 0]), np.int64(pixels[i, 1]), np.int64(pixels[i, 2])
-        code = (r >> 3 << 10) + (g >> 3 << 5) + (b >> 3)
-        if number[code] < 0:
+        r, g, b = np.uint32(pixels[i, 0]), np.uint32(pixels[i, 1]), np.uint32(pixels[i, 2])
+        code = np.uint32((r >> 3 << 10) + (g >> 3 << 5) + (b >> 3))
+        if number[code] == _BINS:
             number[code] = used
             used += 1
-        weight[number[code]] += np.float32(1)
-        for c in range(3):
-            sums[c, number[code]] += pixels[i, c]
+        bins[i] = number[code]
     return used
+
+
+@compiled
+def _sums(pixels: NDArray[np.uint8], group: NDArray[np.uint16], count: int) -> NDArray[np.int64]:
+    """Sums of the colours (n, 3) of each group, and how many there are: (count, 4)."""
+    sums = np.zeros((count, 4), np.int64)
+    for i in range(group.size):
+        k = group[i]
+        for c in range(3):
+            sums[k, c] += pixels[i, c]
+        sums[k, 3] += 1
+    return sums
 
 
 @compiled
@@ -146,14 +159,14 @@ def _spread_start(mean: Floats, weight: Floats, centers: Floats) -> None:
 
 
 @compiled
-def _settle(colors: Floats, weight: Floats, centers: Floats, steps: int) -> None:
+def _settle(colors: Floats, weight: Floats, centers: Floats) -> None:
     """Move centres (k, 3) to the weighted means of their colours (3, n) until they settle.
 
     A centre without colours moves to the colour that costs most, where it costs anything.
     """
     n, k = weight.size, centers.shape[0]
     label, squared = np.zeros(n, np.int32), np.empty(n, np.float32)
-    for _ in range(steps):
+    for _ in range(LLOYD_STEPS):
         _nearest(colors, centers, label, squared)
         sums, moved = np.zeros((k, 4)), 0.0
         for i in range(n):
@@ -183,18 +196,14 @@ def _nearest(
     The loop over colours is the inner one, so that it runs in vector registers.
     """
     squared[:] = np.float32(1e30)
-    for start in range(0, squared.size, _CHUNK):  # a part stays in the cache
-        stop = start + _CHUNK
-        own, least = label[start:stop], squared[start:stop]
-        reds, greens, blues = colors[0, start:stop], colors[1, start:stop], colors[2, start:stop]
-        for j in range(centers.shape[0]):
-            red, green, blue = centers[j, 0], centers[j, 1], centers[j, 2]
-            for i in range(own.size):
-                r, g, b = reds[i] - red, greens[i] - green, blues[i] - blue
-                d = r * r + g * g + b * b
-                nearer = d < least[i]
-                least[i] = d if nearer else least[i]
-                own[i] = np.int32(j) if nearer else own[i]
+    for j in range(centers.shape[0]):
+        red, green, blue = centers[j, 0], centers[j, 1], centers[j, 2]
+        for i in range(squared.size):
+            r, g, b = colors[0, i] - red, colors[1, i] - green, colors[2, i] - blue
+            d = r * r + g * g + b * b
+            nearer = d < squared[i]
+            squared[i] = d if nearer else squared[i]
+            label[i] = np.int32(j) if nearer else label[i]
 
 
 @compiled
@@ -246,4 +255,4 @@ def _fill_nearest(
         for x in range(_CHUNK):
             nearest[x] = np.int32(np.sqrt(np.float32(nearest[x] >> 8)) + np.float32(0.5))
         for x in range(labels.size):
-            entries[x] = of_distance[nearest[x]]
+            entries[x] = of_distance[np.uint32(nearest[x])]

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from numba.cpython.unsafe.numbers import trailing_zeros
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import SOURCES, Dropped, Regions, Segmentation
@@ -109,24 +110,39 @@ def optimal_breaks(histogram: NDArray[Any], classes: int) -> NDArray[np.int64]:
         raise ValueError(f"classes: {classes} is outside 1 to the number of values, {counts.shape}")
     if not np.all(counts >= 0):
         raise ValueError("histogram: a count is negative or nan")
-    counts = np.trim_zeros(counts, "b")
-    counts = np.pad(counts, (0, max(0, classes - counts.size)))  # what never occurs costs nothing
+    counts = counts[: max(classes, np.flatnonzero(counts).max(initial=-1) + 1)]
     values = np.arange(counts.size)
-    weight, first, second = (
-        np.append(0.0, np.cumsum(counts * part)) for part in (1, values, values**2)
-    )
-    w, s, q = (one[:, None] - one for one in (weight, first, second))  # of the values t to i
-    cost = np.maximum(0.0, q - s * s / np.where(w > 0, w, 1.0))
-    cost[np.triu_indices(len(cost), 1)] = np.inf
-    best, starts = cost[:, 0], []
-    for _ in range(classes - 1):
-        every = best + cost
-        starts.append(every.argmin(axis=1))
-        best = every.min(axis=1)
+    moments = np.stack([counts, counts * values, counts * values**2]).cumsum(axis=1)
+    starts = np.empty((classes - 1, counts.size + 1), np.int64)
+    _divide(np.pad(moments, ((0, 0), (1, 0))), starts)
     breaks = [counts.size]
-    for start in reversed(starts):
+    for start in starts[::-1]:
         breaks.append(int(start[breaks[-1]]))
     return np.array([0, *reversed(breaks[1:])], np.int64)
+
+
+@compiled
+def _divide(moments: NDArray[np.float64], starts: NDArray[np.int64]) -> None:
+    """First value of the last class of the best division of the first i values into 2, 3, ... classes.
+
+    `moments` (3, n + 1): sums over the first i values of their counts, times 1, the value and its square.
+    """
+    n = moments.shape[1]
+    cost = np.empty((n, n))
+    for i in range(n):
+        for t in range(i + 1):
+            weight, first = moments[0, i] - moments[0, t], moments[1, i] - moments[1, t]
+            spread = moments[2, i] - moments[2, t] - first * first / (weight if weight > 0 else 1.0)
+            cost[i, t] = max(0.0, spread)
+    best = cost[:, 0].copy()
+    for j in range(len(starts)):
+        for i in range(n - 1, -1, -1):
+            least = np.inf
+            for t in range(i + 1):
+                this = best[t] + cost[i, t]
+                if this < least:
+                    least, starts[j, i] = this, t
+            best[i] = least
 
 
 def connected_regions(
@@ -141,18 +157,17 @@ def connected_regions(
     require_array(rgb, "rgb", np.uint8, (height, width, 3))
     if labels.size == 0:
         return Regions.empty(), 0
-    end, parent, area = np.empty((3, labels.size), np.int32)
-    count = _join_runs(labels, end, parent, area)
-    area = area[:count]
+    start, parent, area = np.empty((3, labels.size + 1), np.uint32)
+    count = _join_runs(labels, start, parent, area)
+    area, row = area[:count], np.full(count, -1, np.int32)
     kept = np.flatnonzero((area >= gate.smallest_px) & (area <= gate.largest_px))
-    row = np.full(len(area), -1, np.int32)
     row[kept] = np.arange(len(kept))
     box = np.tile(np.array([width, height, 0, 0], np.int32), (len(kept), 1))
     sums = np.zeros((len(kept), 3), np.int64)
-    _measure(end, parent, row, rgb, box, sums)
+    _measure(start, parent, row, width, rgb.ravel(), box, sums)
     return Regions(
         box.astype(np.float32),
-        area[kept],
+        area[kept].astype(np.int32),
         (sums / area[kept, None]).astype(np.float32),
         np.full(len(kept), SOURCES.index(source), np.uint8),
     ), int(np.count_nonzero(area))
@@ -161,76 +176,91 @@ def connected_regions(
 @compiled
 def _join_runs(
     labels: NDArray[np.uint8],
-    end: NDArray[np.int32],
-    parent: NDArray[np.int32],
-    area: NDArray[np.int32],
+    start: NDArray[np.uint32],
+    parent: NDArray[np.uint32],
+    area: NDArray[np.uint32],
 ) -> int:
     """Number of runs of equal label in rows, in reading order.
 
-    Fills for each run its end (row * width + column), the first run of its region (`parent`), and the pixels of the
-    region that it is the first run of, else 0. Union-find: a root is the smallest run. The loops that find runs and
-    pairs of them have no branch, which would be mispredicted in noise.
+    Fills for each run its start (row * width + column), the first run of its region (`parent`), and the pixels of the
+    region that it is the first run of, else 0. Union-find: a root is the smallest run. 64 pixels are a word of bits: a
+    loop over the starts of runs in it and above it has no branch, which would be mispredicted in noise.
     """
     height, width = labels.shape
-    label = np.empty(labels.size, np.uint8)
-    above, below = np.empty((2, 2 * width), np.int32)
-    n = first = 0
+    words, one = (width + 63) // 64, np.uint64(1)
+    flags, above = np.zeros((2, 64 * words), np.uint8), np.zeros(words, np.uint64)
+    eights, pair = flags.view(np.uint64), np.empty((2, 2 * width), np.uint32)
+    n = upper = np.uint64(0)  # signed numbers would be asked whether they count from the end
     for y in range(height):
-        upper_first, first, before = first, n, labels[y, 0]
+        row, row_above, first, pairs = labels[y], labels[max(0, y - 1)], n, np.uint64(0)
+        flags[0, 0] = 1
         for x in range(1, width):
-            end[n], label[n] = y * width + x, before
-            n += labels[y, x] != before
-            before = labels[y, x]
-        end[n], label[n] = (y + 1) * width, before
-        n += 1
-        for i in range(first, n):
-            parent[i], area[i] = i, 0
-        i, j, pairs = upper_first, first, 0
-        while y > 0 and j < n:
-            above[pairs], below[pairs] = i, j
-            pairs += label[i] == label[j]
-            upper, lower = end[i] + width, end[j]
-            i += upper <= lower
-            j += lower <= upper
-        for k in range(pairs):
-            i, j = _root(parent, above[k]), below[k]
+            flags[0, x] = row[x] != row[x - 1]
+        for x in range(width):
+            flags[1, x] = row[x] == row_above[x]
+        for word in range(words):
+            new, before, same = _bits(eights[0], word), above[word], _bits(eights[1], word)
+            either, above[word] = new | before, new
+            while either:
+                bit = np.uint64(trailing_zeros(either))  # type: ignore[call-arg]
+                either &= either - one
+                start[n] = y * width + 64 * word + np.int64(bit)
+                n += new >> bit & one
+                upper += before >> bit & one
+                pair[0, pairs], pair[1, pairs] = upper - one, n - one
+                pairs += same >> bit & one
+        for run in range(first, n):
+            parent[run], area[run] = run, 0
+        for k in range(pairs if y > 0 else np.uint64(0)):
+            i, j = _root(parent, pair[0, k]), pair[1, k]
             if parent[j] != j:  # joined already
                 j = _root(parent, j)
             parent[max(i, j)] = min(i, j)
-    start = 0
-    for i in range(n):
-        parent[i] = parent[parent[i]]
-        area[parent[i]] += end[i] - start
-        start = end[i]
-    return n
+    start[n] = labels.size
+    for run in range(n):
+        parent[run] = parent[parent[run]]
+        area[parent[run]] += start[run + one] - start[run]
+    return int(n)
+
+
+@compiled_within
+def _bits(eights: NDArray[np.uint64], word: int) -> np.uint64:
+    """64 flags, 0 or 1, as bits: the product puts eight bytes of one bit each into its highest byte."""
+    bits = np.uint64(0)
+    for byte in range(8):
+        packed = eights[8 * word + byte] * np.uint64(0x0102040810204080) >> np.uint64(56)
+        bits |= packed << np.uint64(8 * byte)
+    return bits
 
 
 @compiled
 def _measure(
-    end: NDArray[np.int32],
-    parent: NDArray[np.int32],
+    start: NDArray[np.uint32],
+    parent: NDArray[np.uint32],
     row: NDArray[np.int32],
-    rgb: NDArray[np.uint8],
+    width: int,
+    levels: NDArray[np.uint8],
     box: NDArray[np.int32],
     sums: NDArray[np.int64],
 ) -> None:
-    """Boxes (k, 4) and sums of colours (k, 3) of the regions whose first run has a row."""
+    """Boxes (k, 4) and sums of colours (k, 3) of the regions whose first run has a row; `levels`: of a flat image."""
+    kept, count = np.empty(row.size, np.uint32), 0
     for i in range(row.size):
-        k = row[parent[i]]
-        if k < 0:
-            continue
-        start = end[i - 1] if i > 0 else 0
-        y, left = divmod(start, rgb.shape[1])
-        right = left + end[i] - start
+        kept[count] = i
+        count += row[parent[i]] >= 0
+    for i in kept[:count]:
+        k, end = row[parent[i]], start[i + np.uint32(1)]
+        y, left = divmod(start[i], np.uint32(width))
         box[k, 0], box[k, 1] = min(box[k, 0], left), min(box[k, 1], y)
-        box[k, 2], box[k, 3] = max(box[k, 2], right), y + 1
-        for x in range(left, right):
-            for c in range(3):
-                sums[k, c] += rgb[y, x, c]
+        box[k, 2], box[k, 3] = max(box[k, 2], left + end - start[i]), y + 1
+        red = green = blue = np.uint32(0)
+        for x in range(3 * start[i], 3 * end, 3):
+            red, green, blue = red + levels[x], green + levels[x + 1], blue + levels[x + 2]
+        sums[k, 0], sums[k, 1], sums[k, 2] = sums[k, 0] + red, sums[k, 1] + green, sums[k, 2] + blue
 
 
 @compiled_within
-def _root(parent: NDArray[np.int32], i: int) -> int:
+def _root(parent: NDArray[np.uint32], i: np.uint32) -> np.uint32:
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
