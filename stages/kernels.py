@@ -8,7 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-"""An array of doubles, the usual argument of a geometric kernel."""
+Floats = NDArray[np.float32]
+Bytes = NDArray[np.uint8]
+Numbers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+"""Arrays of doubles, the usual argument of a geometric kernel, and of the other usual types."""
 
 # Division by zero gives inf or nan as in NumPy, so that no division carries a branch that raises; the wrapper for
 # callers in C is left out. Both only lengthen compilation.

@@ -8,10 +8,9 @@ from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, Numbers
 
 
 class TieErrors(NamedTuple):
@@ -56,9 +55,7 @@ def correlated_sigma_px(displacement_px: Array, errors: TieErrors = TIE_ERRORS) 
     return np.asarray(errors.shared_px + errors.shared_fraction * displacement_px)
 
 
-def correlated_covariance(
-    position: Array, image: NDArray[np.int64], effect: Array, reach_px: float
-) -> Array:
+def correlated_covariance(position: Array, image: Numbers, effect: Array, reach_px: float) -> Array:
     """Covariance (k, k) of an estimate by smooth random fields of errors, one in each image, independent of each other.
 
     `position` (n, 2), `image` (n,): place of each tie in its image, px, and number of that image.

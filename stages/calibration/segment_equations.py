@@ -19,7 +19,7 @@ from wayside.schemas.frame import Camera
 from wayside.stages.adjustment import ANCHOR_SIGMA_PX, TIE_SCALE
 from wayside.stages.calibration.segment import Segment
 from wayside.stages.geometry import to_rays
-from wayside.stages.kernels import Array, compiled, compiled_within
+from wayside.stages.kernels import Array, Numbers, compiled, compiled_within
 
 _FLOOR = 1e-9
 
@@ -271,9 +271,7 @@ def _accumulate(
 
 
 @compiled_within
-def _add_row(
-    row: Array, column: NDArray[np.int64], u: float, v: float, track: int, found: Equations
-) -> None:
+def _add_row(row: Array, column: Numbers, u: float, v: float, track: int, found: Equations) -> None:
     for i in range(17):
         x, y, at = row[0, i], row[1, i], column[i]
         found.right[at] -= x * u + y * v

@@ -15,11 +15,12 @@ from wayside.schemas.models import (
     MixtureModel,
     OperatingPoint,
 )
+from wayside.stages.kernels import Array
+
+Values = NDArray[np.floating[Any]]
 
 
-def class_distances(
-    values: NDArray[np.floating[Any]], classes: Sequence[GaussianClass]
-) -> NDArray[np.float64]:
+def class_distances(values: Values, classes: Sequence[GaussianClass]) -> Array:
     """Mahalanobis distance of each value (n, d) to each class: (n, classes), eq. 3.1."""
     white = np.linalg.inv(np.linalg.cholesky(np.stack([one.covariance for one in classes])))
     middle = np.einsum("kij,kj->ki", white, np.stack([one.mean for one in classes]))
@@ -28,21 +29,17 @@ def class_distances(
     return np.asarray(np.sqrt((off**2).reshape(k, d, off.shape[1]).sum(axis=1)).T)
 
 
-def log_normals(
-    values: NDArray[np.floating[Any]], classes: Sequence[GaussianClass]
-) -> NDArray[np.float64]:
+def log_normals(values: Values, classes: Sequence[GaussianClass]) -> Array:
     """Natural logarithm of the density of each class at each value (n, d): (n, classes)."""
     return _log_densities(class_distances(values, classes), classes)
 
 
-def _log_densities(
-    distances: NDArray[np.float64], classes: Sequence[GaussianClass]
-) -> NDArray[np.float64]:
+def _log_densities(distances: Array, classes: Sequence[GaussianClass]) -> Array:
     volume = np.linalg.slogdet(2 * np.pi * np.stack([one.covariance for one in classes]))[1]
     return np.asarray(-(distances**2 + volume) / 2)
 
 
-def log_ratios(values: NDArray[np.floating[Any]], model: GaussianModel) -> NDArray[np.float64]:
+def log_ratios(values: Values, model: GaussianModel) -> Array:
     """Logarithm of the likelihood ratio (report eq. 9.3) of each class to the background at each value (n, d).
 
     (n, classes), a class as part of the density of signs; nan for values that are not finite.
@@ -50,7 +47,7 @@ def log_ratios(values: NDArray[np.floating[Any]], model: GaussianModel) -> NDArr
     return _ratios_at(class_distances(values, (*model.classes, *model.background)), model)
 
 
-def _ratios_at(distances: NDArray[np.float64], model: GaussianModel) -> NDArray[np.float64]:
+def _ratios_at(distances: Array, model: GaussianModel) -> Array:
     k, parts = len(model.classes), (*model.classes, *model.background)
     count = np.array([one.count for one in parts], np.float64)
     share = np.concatenate([own / own.sum() for own in np.split(count, [k])])
@@ -60,7 +57,7 @@ def _ratios_at(distances: NDArray[np.float64], model: GaussianModel) -> NDArray[
     return np.asarray(weighted[:, :k] - np.logaddexp.reduce(weighted[:, k:], axis=1)[:, None])
 
 
-def log_ratio(values: NDArray[np.floating[Any]], model: MixtureModel) -> NDArray[np.float64]:
+def log_ratio(values: Values, model: MixtureModel) -> Array:
     """Natural logarithm of the density of signs by that of other things at each value (n, d): (n,)."""
     parts = [GaussianClass("", *one, 0) for one in zip(model.mean, model.covariance, strict=True)]
     densities = log_normals(values, parts) + np.log(model.weight)
@@ -69,8 +66,8 @@ def log_ratio(values: NDArray[np.floating[Any]], model: MixtureModel) -> NDArray
 
 
 def nearest_class(
-    values: NDArray[np.floating[Any]], model: GaussianModel, names: tuple[str, ...]
-) -> tuple[NDArray[np.int8], NDArray[np.float32], NDArray[np.float64]]:
+    values: Values, model: GaussianModel, names: tuple[str, ...]
+) -> tuple[NDArray[np.int8], NDArray[np.float32], Array]:
     """The nearest class of each value (n, d), and the largest logarithm of a likelihood ratio.
 
     The code (n,) int8 of a class is its position among `names`, -1 for none: rows that are not finite. The others:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
 from wayside.stages.georeference.path import PathPoint
 from wayside.stages.georeference.trajectory import Trajectory
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, Numbers
 
 GAP_S = 10.0
 """Longer gaps between poses or fixes are reported."""
@@ -109,9 +109,7 @@ def _disagreement(
     return np.asarray(off), np.asarray(later)
 
 
-def _gap(
-    frames: Sequence[int], time_s: Array, rows: NDArray[np.int64], found: Trajectory, what: str
-) -> str:
+def _gap(frames: Sequence[int], time_s: Array, rows: Numbers, found: Trajectory, what: str) -> str:
     held = np.unique(np.concatenate([[0], rows, [len(frames) - 1]]))
     gaps = np.diff(time_s[held])
     if not gaps.max(initial=0.0) > GAP_S:

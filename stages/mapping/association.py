@@ -4,15 +4,16 @@ Rays are ideal image coordinates (x/z, y/z); sizes are in the same unit, so that
 frames of a window share one world: that of the chained motion.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.detections import Rows
 from wayside.stages.geometry import meet_rays
-from wayside.stages.kernels import Array, compiled
+from wayside.stages.kernels import Array, Flags, Numbers, compiled, compiled_within
 from wayside.stages.mapping.triangulation import projected
 
 # Set on the development drives, where no other reason is given.
@@ -42,33 +43,43 @@ LEAST_SUM = -1.0
 """Hypotheses with a smaller sum over their views are dropped, log odds."""
 EXPECTED_PX = 14.0
 """Height from which a view is expected, px."""
-Pairs = NDArray[np.int64]
 
 
 class WindowCandidates(NamedTuple):
     """Followed candidates of n frames, N rows, as the kernel takes them: C-contiguous, doubles."""
 
-    rotation: NDArray[np.float64]
+    rotation: Array
     """World from camera, (n, 3, 3)."""
-    centre: NDArray[np.float64]
+    centre: Array
     """Of the camera in the world, (n, 3), metres."""
-    focal: NDArray[np.float64]
+    focal: Array
     """Focal length, (n,), pixels."""
-    bounds: NDArray[np.float64]
+    bounds: Array
     """Rays of the left, upper, right and lower edge of the image, (n, 4)."""
-    first: NDArray[np.int64]
+    first: Numbers
     """Frame f owns rows `first[f]` to `first[f + 1]`, (n + 1,)."""
     table: NDArray[np.void]
     """With the columns of `window.FOLLOWED`, (N,)."""
+    ray: Array
+    """Its column of this name, (N, 2), side by side: the one that is read most."""
+    across: Numbers
+    """Rows (N,) in the order of the frames, and of each frame from left to right."""
+
+    @classmethod
+    def of(cls, poses: Sequence[Any], first: Numbers, table: NDArray[np.void]) -> Self:
+        """Of the columns up to `bounds`, and these."""
+        ray, frame = np.ascontiguousarray(table["ray"]), np.arange(len(first) - 1)
+        across = np.lexsort((ray[:, 0], np.repeat(frame, np.diff(first))))
+        return cls._make((*poses, first, table, ray, across))
 
 
 @dataclass(frozen=True, slots=True)
 class Hypotheses(Rows):
     """Landmarks to try: point (m, 3) in the world, size (m, 2) metres, back (m,): of backs, not of faces."""
 
-    point: NDArray[np.float64]
-    size: NDArray[np.float64]
-    back: NDArray[np.bool_]
+    point: Array
+    size: Array
+    back: Flags
 
 
 class Association(NamedTuple):
@@ -78,29 +89,24 @@ class Association(NamedTuple):
     """
 
     row: NDArray[np.int32]
-    missed: NDArray[np.int64]
-    value: NDArray[np.float64]
+    missed: Numbers
+    value: Array
 
-    def likely_values(self, fewest_views: int) -> NDArray[np.float64]:
+    def likely_values(self, fewest_views: int) -> Array:
         """The values (m,); -inf where the views are too few, or their sum too low for a landmark."""
         likely = ((self.row >= 0).sum(axis=1) >= fewest_views) & (self.value > LEAST_SUM)
         return np.where(likely, self.value, -np.inf)
 
 
 def pair_hypotheses(
-    candidates: WindowCandidates,
-    older: range,
-    newer: int,
-    gap_px: float,
-    likely: Pairs | None = None,
-) -> tuple[Pairs, Hypotheses]:
+    c: WindowCandidates, older: range, newer: int, gap_px: float, likely: Numbers | None = None
+) -> tuple[Numbers, Hypotheses]:
     """Pairs of candidates, of older frames and of the newer, whose rays meet plausibly with like sizes: rows (k, 2).
 
     The point is the midpoint of the two rays (report eqs. 7.1 to 7.4). `older`, `newer`: frames, as positions in the
     window. `gap_px`: largest gap of the two rays, pixels, before the share of the height. `likely` (p, 2): rows to try,
     the first ones ascending; None: all seeds.
     """
-    c = candidates
     if likely is None:
         spans = c.first[[[older.start, older.stop], [newer, newer + 1]]].tolist()
         one, two = (first + np.flatnonzero(c.table["seed"][first:end]) for first, end in spans)
@@ -113,7 +119,13 @@ def pair_hypotheses(
 
 @compiled
 def _meet(
-    c: WindowCandidates, pairs: Pairs, f: int, newer: int, gap_px: float, points: Array, size: Array
+    c: WindowCandidates,
+    pairs: Numbers,
+    f: int,
+    newer: int,
+    gap_px: float,
+    points: Array,
+    size: Array,
 ) -> int:
     """Move the plausible pairs to the front, and fill what they may show; their number. `f`: frame of the first one."""
     rays, sizes, back = c.table["ray"], c.table["size"], c.table["back"]
@@ -151,7 +163,7 @@ def _meet(
 
 
 def associate(
-    candidates: WindowCandidates, hypotheses: Hypotheses, free: NDArray[np.bool_], gap_px: float
+    candidates: WindowCandidates, hypotheses: Hypotheses, free: Flags, gap_px: float
 ) -> Association:
     """Best free candidate of each frame for each hypothesis, by where and how large it must appear.
 
@@ -170,15 +182,10 @@ def associate(
 
 @compiled
 def associate_free(
-    c: WindowCandidates,
-    point: NDArray[np.float64],
-    size: NDArray[np.float64],
-    free: NDArray[np.bool_],
-    gap_px: float,
-    found: Association,
+    c: WindowCandidates, point: Array, size: Array, free: Flags, gap_px: float, found: Association
 ) -> None:
     """Kernel of `associate`, for other kernels: fills what it found."""
-    rays, sizes, scores = c.table["ray"], c.table["size"], c.table["score"]
+    rays, sizes, scores = c.ray, c.table["size"], c.table["score"]
     for m in range(point.shape[0]):
         wide, tall = size[m, 0], size[m, 1]
         found.value[m], found.missed[m] = 0.0, 0
@@ -194,8 +201,10 @@ def associate_free(
             half_wide, half_tall = wide / z / 2, tall / z / 2
             gate = gap_px / f + 2 * GAP_SHARE * half_tall
             best, value = -1, -1e9
-            for k in range(c.first[n], c.first[n + 1]):
-                du, dv = abs(rays[k, 0] - x), abs(rays[k, 1] - y)
+            for k in c.across[_first_from(c, n, x - gate) : c.first[n + 1]]:
+                du, dv = rays[k, 0] - x, rays[k, 1] - y
+                if du > gate:
+                    break
                 gap2 = du * du + dv * dv
                 if gap2 > gate * gate or not free[k]:
                     continue
@@ -205,7 +214,7 @@ def associate_free(
                 this = min(MOST_VALUE, max(LEAST_VALUE, scores[k] + VALUE_SHIFT))
                 off = gap2 / (gate * gate) + np.log(ratio) ** 2 / np.log(TALLER) ** 2
                 this -= GAP_COST * off
-                if this > value:
+                if this > value or (this == value and k < best):
                     best, value = k, this
             if best >= 0:
                 found.row[m, n] = best
@@ -219,3 +228,16 @@ def associate_free(
             ):
                 found.missed[m] += 1
                 found.value[m] -= MISS_COST
+
+
+@compiled_within
+def _first_from(c: WindowCandidates, frame: int, x: float) -> int:
+    """Position in `across` of the first candidate of a frame that is not left of x."""
+    low, high = c.first[frame], c.first[frame + 1]
+    while low < high:
+        middle = (low + high) // 2
+        if c.ray[c.across[middle], 0] < x:
+            low = middle + 1
+        else:
+            high = middle
+    return int(low)

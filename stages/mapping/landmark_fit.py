@@ -171,7 +171,7 @@ def _fit(
 @compiled_within
 def _fit_views(c: WindowCandidates, fewest: int, box_sigma: tuple[float, float], fit: _Fit) -> bool:
     """Fit the point to the latest views, and the size to those that are whole, or to any; whether it can be done."""
-    rays, sizes, whole = c.table["ray"], c.table["size"], c.table["whole"]
+    rays, sizes, whole = c.ray, c.table["size"], c.table["whole"]
     frames, point, near = np.flatnonzero(fit.row >= 0), fit.point[0], np.empty((2, SIZE_VIEWS))
     n, count, cut = len(frames), 0, True
     if n < fewest:

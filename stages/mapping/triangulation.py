@@ -1,6 +1,6 @@
 """Points in space from all their views (report chapter 8), started from the midpoint of two of them (chapter 7)."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,10 +37,7 @@ class _Normal(NamedTuple):
 
 
 def triangulate_views(
-    rotations: NDArray[np.floating[Any]],
-    centres: NDArray[np.floating[Any]],
-    rays: NDArray[np.floating[Any]],
-    sigma: NDArray[np.floating[Any]],
+    rotations: Array, centres: Array, rays: Array, sigma: Array
 ) -> tuple[Array, Array]:
     """Point with the lowest robust reprojection cost over all views.
 

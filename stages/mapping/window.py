@@ -29,7 +29,7 @@ from wayside.stages.geometry import (
     rays_of_ideal,
     to_rays,
 )
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, Bytes, Flags
 from wayside.stages.mapping.association import WindowCandidates
 
 WEAKEST_SCORE = -7.0
@@ -205,9 +205,7 @@ def joined(tables: Iterable[NDArray[np.void]]) -> NDArray[np.void]:
     return np.frombuffer(bytearray(b"".join(table.tobytes() for table in tables)), FOLLOWED)
 
 
-def unassigned_verdicts(
-    paired: NDArray[np.uint8 | np.bool_], standing: NDArray[np.bool_]
-) -> NDArray[np.uint8]:
+def unassigned_verdicts(paired: NDArray[np.uint8 | np.bool_], standing: Flags) -> Bytes:
     """Verdicts (k,) of candidates that no landmark has, paired (k, 2) with an earlier and with a later candidate.
 
     `far_view` where it was standing (k,): a view of a landmark that was in sight still when the image left the window.
@@ -255,13 +253,10 @@ class WindowPoses(NamedTuple):
 
 def candidates_of(window: Sequence[WindowFrame]) -> WindowCandidates:
     """Rays of all followed candidates of consecutive frames."""
-    return WindowCandidates(
-        *WindowPoses.of(window)[1:],
-        np.array([f.focal for f in window]),
-        np.stack([f.bounds for f in window]),
-        np.cumsum([0, *(len(f.followed) for f in window)], dtype=np.int64),
-        joined(f.followed for f in window),
-    )
+    focal, bounds = np.array([f.focal for f in window]), np.stack([f.bounds for f in window])
+    first = np.cumsum([0, *(len(f.followed) for f in window)], dtype=np.int64)
+    poses = *WindowPoses.of(window)[1:], focal, bounds
+    return WindowCandidates.of(poses, first, joined(f.followed for f in window))
 
 
 class TravelledPath:

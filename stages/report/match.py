@@ -5,14 +5,13 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from wayside.schemas.detections import Detections, Regions, box_centers
 from wayside.schemas.landmarks import Crop, TrackedFrame
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.geometry import cross_matrices
-from wayside.stages.kernels import Array, compiled, compiled_within
+from wayside.stages.kernels import Array, Bytes, Flags, Floats, Numbers, compiled, compiled_within
 from wayside.stages.mapping import (
     BOX_SIGMA,
     GAP_SHARE,
@@ -49,7 +48,7 @@ def extract_sift(images: Iterator[Detections]) -> Iterator[Detections]:
         yield item
 
 
-def describe_regions(grey: NDArray[np.uint8], regions: Regions) -> NDArray[np.float32]:
+def describe_regions(grey: Bytes, regions: Regions) -> Floats:
     """Descriptor (n, 132) of each region: SIFT, the share of its box that it fills, and its mean colour, 0 to 1.
 
     SIFT of an upright patch as large as the box and its surroundings (Lowe 2004; of regions, Mikolajczyk et al. 2005):
@@ -78,13 +77,7 @@ def describe_regions(grey: NDArray[np.uint8], regions: Regions) -> NDArray[np.fl
 
 
 @compiled
-def _describe(
-    image: NDArray[np.uint8],
-    rows: NDArray[np.int64],
-    middle: Array,
-    step: Array,
-    found: NDArray[np.float32],
-) -> None:
+def _describe(image: Bytes, rows: Numbers, middle: Array, step: Array, found: Floats) -> None:
     """Gradients (n, cells, cells, angles) of the patches of some rows: points (n, 2), steps (n, 2) between samples.
 
     A sample counts in the two cells around it, less with its distance from their middles: `_TENT`.
@@ -115,14 +108,7 @@ def _describe(
 
 
 @compiled_within
-def _sample(
-    image: NDArray[np.uint8],
-    x: float,
-    y: float,
-    right: float,
-    down: float,
-    patch: NDArray[np.float32],
-) -> None:
+def _sample(image: Bytes, x: float, y: float, right: float, down: float, patch: Floats) -> None:
     """Bilinear samples around a point; beyond the image its edge goes on."""
     height, width = image.shape
     size = _SAMPLES + 2
@@ -177,7 +163,7 @@ class _Matcher(WindowSolver):
         frame.matches = np.zeros((0, 4), np.float32)
         super().append(frame)
 
-    def _likely(self, recent: Sequence[WindowFrame]) -> NDArray[np.int64]:
+    def _likely(self, recent: Sequence[WindowFrame]) -> Numbers:
         """Segments on each other's epipolar lines with like descriptors."""
         older, newer = recent
         moved = older.motion.pose.relative_to(newer.motion.pose)
@@ -225,12 +211,7 @@ def _crops(held: WindowFrame, row: int) -> Iterator[Crop]:
 
 @compiled
 def _compare(
-    lines: Array,
-    ray: Array,
-    allowed: Array,
-    described: NDArray[np.float32],
-    other_described: NDArray[np.float32],
-    alike: NDArray[np.bool_],
+    lines: Array, ray: Array, allowed: Array, own: Floats, other: Floats, alike: Flags
 ) -> None:
     """Which of m regions are near the line of each of n regions, and described like it: (n, m)."""
     for i in range(alike.shape[0]):
@@ -238,9 +219,9 @@ def _compare(
             gap = lines[i, 0] * ray[j, 0] + lines[i, 1] * ray[j, 1] + lines[i, 2]
             if abs(gap) > allowed[j]:
                 continue
-            square, start = np.float32(0), described.shape[1]
+            square, start = np.float32(0), own.shape[1]
             while start > 0 and square < FARTHEST**2:  # share and colour first
                 start -= _STRIDE
                 for k in range(start, start + _STRIDE):
-                    square += (described[i, k] - other_described[j, k]) ** 2
+                    square += (own[i, k] - other[j, k]) ** 2
             alike[i, j] = square < FARTHEST**2

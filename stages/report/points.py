@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -14,11 +14,14 @@ from wayside.schemas.landmarks import Crop, Landmark, TrackedFrame
 from wayside.schemas.models import GaussianModel
 from wayside.stages.classifiers import log_ratios
 from wayside.stages.geometry import pair_residual, points_of_second, to_rays
+from wayside.stages.kernels import Array
 from wayside.stages.mapping import BOX_SIGMA, STEP_COVARIANCE, point_covariance
 
 # Set on learning drives, where no other reason is given.
 MOST_POINTS, CONTRAST = 60, 0.03
 """Strongest SIFT points of a view, and their least contrast."""
+LARGEST_PX = 8000
+"""Most pixels of a view that SIFT searches: of larger ones, which are reduced, most points would not be used."""
 RATIO, SAME_PX = 0.8, 2.0
 """Largest distance of a descriptor from its nearest, by that from the nearest at another place (Lowe 2004), px away."""
 LARGEST_E = 4.0
@@ -29,6 +32,8 @@ LEAST_SIGMA = 0.003
 """Least scatter of the depth of a point about that of its panel, by the depth: panels are turned a little."""
 WRONG, LOG_DEPTHS = 0.3, 4.1
 """Share of wrong matches; logarithm of the ratio of their largest and least depth: 5 to 300 m."""
+MOST_EVIDENCE = np.log(WRONG + (1 - WRONG) * LOG_DEPTHS / (LEAST_SIGMA * np.sqrt(2 * np.pi)))
+"""Most evidence of a point."""
 RIGIDITY = 1.7
 """Weight of the logarithm of one plus the evidence of all points together, since they depend on each other (fitted with
 those in `match.py`)."""
@@ -40,19 +45,25 @@ PLANE_SIGMAS, PLANE_M = 2.5, 0.6
 """Stations of one plane differ by less, standard deviations of both, or metres."""
 
 
-def match_points(
-    first: Crop, second: Crop, sift: cv2.SIFT
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def match_points(first: Crop, second: Crop, sift: cv2.SIFT, fewest: float) -> tuple[Array, Array]:
     """Midpoints (k, 3) of the SIFT points that match, in the axes of the second camera, and their residual e (k,).
 
     Points match that are each other's nearest among those on each other's epipolar lines and ahead of both cameras.
+    None where a view has none or fewer than `fewest`, of most evidence with the centre: too few for a sign.
     """
-    (one, own), (two, other) = (sift.detectAndCompute(crop.grey, None) for crop in (first, second))
-    if own is None or other is None:
-        return np.zeros((0, 3)), np.zeros(0)
-    places = np.asarray(cv2.KeyPoint.convert(two), np.float64)
-    start = to_rays(first.camera, np.asarray(cv2.KeyPoint.convert(one)) + first.corner)
-    end = to_rays(second.camera, places + second.corner)
+    places, rays, described = (list[Any]() for _ in range(3))
+    for crop in (first, second):
+        by = _reduction(crop)
+        height, width = (n // by for n in crop.grey.shape)
+        whole = crop.grey[: height * by, : width * by]
+        grey = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
+        found, codes = sift.detectAndCompute(grey, None)
+        if len(found) < max(1, fewest):
+            return np.zeros((0, 3)), np.zeros(0)
+        places.append((np.asarray(cv2.KeyPoint.convert(found), np.float64) + 0.5) * by - 0.5)
+        rays.append(to_rays(crop.camera, places[-1] + crop.corner))
+        described.append(codes)
+    (start, end), (own, other), at = rays, described, places[1]
     moved = second.motion.pose.relative_to(first.motion.pose)
     shape = len(start), len(end)
     i, j = (numbers.ravel() for numbers in np.indices(shape))
@@ -66,14 +77,18 @@ def match_points(
     apart = np.sqrt(square - 2 * own @ other.T)
     apart[np.isnan(point[:, :, 2])] = np.inf
     nearest, rows = apart.argmin(axis=1), np.arange(len(start))
-    elsewhere = np.linalg.norm(places[:, None] - places, axis=2) > SAME_PX
+    elsewhere = np.linalg.norm(at[:, None] - at, axis=2) > SAME_PX
     others = np.where(elsewhere[nearest], apart, np.inf).min(axis=1)
     mutual = apart.argmin(axis=0)[nearest] == rows
     rows = rows[mutual & (apart[rows, nearest] < RATIO * others)]
     return point[rows, nearest[rows]], e[rows, nearest[rows]]
 
 
-def depth_sigma(point: NDArray[np.float64], travel: NDArray[np.float64]) -> NDArray[np.float64]:
+def _reduction(crop: Crop) -> int:
+    return int(np.ceil(np.sqrt(crop.grey.size / LARGEST_PX)))
+
+
+def depth_sigma(point: Array, travel: Array) -> Array:
     """Scatter (k,) of the depth of points (k, 3) by that of a ray, metres: z z' sqrt(z^2 + z'^2) / (R b).
 
     Two views, `travel` (3,) apart in the axes of the nearer one; z' is the depth in the other, R the distance from the
@@ -95,10 +110,10 @@ class DepthFit(NamedTuple):
     depth: float
     sigma: float
     agree: NDArray[np.bool_]
-    evidence: NDArray[np.float64]
+    evidence: Array
 
 
-def fit_depth(depth: NDArray[np.float64], sigma: NDArray[np.float64]) -> DepthFit:
+def fit_depth(depth: Array, sigma: Array) -> DepthFit:
     """The depth of k > 0 points by their depths and standard deviations (k,)."""
     near = np.abs(depth[:, None] - depth) <= AGREE_SIGMAS * sigma
     agree = near[np.lexsort((sigma, -near.sum(axis=1)))[0]]
@@ -134,14 +149,16 @@ def triangulate_points(
 
 def _placed(one: Landmark, sift: cv2.SIFT, size: float) -> Landmark:
     first, second = one.crops
-    points, e = match_points(first, second, sift)
+    others = size + sum(ratio for _, ratio in one.evidence)
+    fewest = np.expm1((LEAST_EVIDENCE - others) / RIGIDITY) / MOST_EVIDENCE - 1
+    points, e = match_points(first, second, sift, fewest)
     poses = [crop.motion.pose for crop in one.crops]
     travel, focal = -poses[1].to_camera(poses[0].centre), second.camera.fx
     centre = poses[1].to_camera(one.best_pose.to_world(one.position))
     tall_px = focal * one.height_m / centre[2]
     points = np.vstack([centre, points])
     scatter = depth_sigma(points, travel) / focal
-    scatter *= [BOX_SIGMA[0] + BOX_SIGMA[1] * tall_px, *(POINT_PX for _ in e)]
+    scatter *= [BOX_SIGMA[0] + BOX_SIGMA[1] * tall_px, *(POINT_PX * _reduction(second) for _ in e)]
     fit = fit_depth(points[:, 2], scatter)
     rigidity = RIGIDITY * float(np.log1p(max(0.0, fit.evidence.sum())))
     evidence = (*one.evidence, ("size", size), ("rigidity", rigidity))
@@ -220,7 +237,7 @@ def same_plane(one: Landmark, other: Landmark) -> bool:
     return bool((np.minimum(high, most) > np.maximum(low, least)).all())
 
 
-def _box_seen(camera: Pose, one: Landmark) -> NDArray[np.float64]:
+def _box_seen(camera: Pose, one: Landmark) -> Array:
     """Least and largest x/z and y/z (2, 2) of a landmark."""
     centre = camera.to_camera(one.best_pose.to_world(one.position))
     half = np.array([one.width_m, one.height_m]) / 2

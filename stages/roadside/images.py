@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.motion import Motion
 from wayside.stages.geometry import ideal_points
-from wayside.stages.kernels import Array, compiled, require_array
+from wayside.stages.kernels import Array, Bytes, compiled, require_array
 
 Singles = NDArray[np.float32]
 
@@ -65,9 +65,7 @@ class GroundImage:
         return _samples(self.sizes[level], projection, along, right, up)
 
 
-def ground_image(
-    grey: NDArray[np.uint8], camera: Camera, frame: int, motion: Motion
-) -> GroundImage:
+def ground_image(grey: Bytes, camera: Camera, frame: int, motion: Motion) -> GroundImage:
     """The lower part of a recorded image (height, width), without distortion, in `LEVELS` sizes."""
     first, second, matrix = _maps(camera)
     inside = np.maximum(grey, 1)
@@ -101,9 +99,7 @@ def _maps(camera: Camera) -> tuple[Any, Any, Array]:
 
 
 @compiled
-def _samples(
-    image: NDArray[np.uint8], projection: Array, along: Array, right: Array, up: Array
-) -> Singles:
+def _samples(image: Bytes, projection: Array, along: Array, right: Array, up: Array) -> Singles:
     rows, columns = image.shape
     out = np.full((len(right), len(along)), np.nan, np.float32)
     for i in range(len(right)):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.frame import Pose
 from wayside.schemas.motion import PosedDetections
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, Numbers
 from wayside.stages.mapping import USUAL_CAMERA_M
 from wayside.stages.roadside.ground import ground_of
 from wayside.stages.roadside.images import GroundImage, Singles, agreement, ground_image
@@ -107,9 +107,7 @@ def _place(held: deque[GroundImage], share: float) -> Pose:
     return Pose(np.column_stack([along, np.cross(along, up), up]), start + share * (end - start))
 
 
-def _scores(
-    held: deque[GroundImage], place: Pose, road_m: float
-) -> tuple[Singles, NDArray[np.int64]]:
+def _scores(held: deque[GroundImage], place: Pose, road_m: float) -> tuple[Singles, Numbers]:
     """Sum of the correlations of all pairs at each strip and height, and the number of pairs of each strip."""
     shape = len(OFFSETS_M), len(HEIGHTS_M), len(ACROSS_M)
     right = np.broadcast_to((OFFSETS_M[:, None] + ACROSS_M)[:, None], shape).flatten()

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wayside.stages.kernels import compiled, compiled_within, require_array, require_image
+from wayside.stages.kernels import Bytes, Floats, compiled, require_array, require_image
 
 MOST_CENTERS = 256
 """A label image holds bytes."""
@@ -32,10 +32,8 @@ SETTLED = 0.5
 _BINS = 32**3
 _CHUNK, _PACKED = 1024, 16
 
-Floats = NDArray[np.float32]
 
-
-def sample_colors(rgb: NDArray[np.uint8], at_least: int) -> NDArray[np.uint8]:
+def sample_colors(rgb: Bytes, at_least: int) -> Bytes:
     """Colours (n, 3) of a regular sample of `at_least` so many pixels, where there are.
 
     `rgb`: image or whole rows of one, (height, width, 3) uint8, C-contiguous. Raises ValueError where it is of another
@@ -50,7 +48,7 @@ def sample_colors(rgb: NDArray[np.uint8], at_least: int) -> NDArray[np.uint8]:
     return np.ascontiguousarray(pixels).view(np.uint8).reshape(-1, 3)
 
 
-def palette(sample: NDArray[np.uint8], clusters: int) -> NDArray[np.uint8]:
+def palette(sample: Bytes, clusters: int) -> Bytes:
     """K-means of sampled colours (n, 3): whole-numbered centres, darkest first, shape (clusters, 3).
 
     Centres repeat where there are fewer colours. Raises ValueError where `clusters` is not from 2 to 256.
@@ -74,8 +72,8 @@ def palette(sample: NDArray[np.uint8], clusters: int) -> NDArray[np.uint8]:
 
 
 def nearest_centers(
-    colors: NDArray[np.uint8], centers: NDArray[Any], of_distance: NDArray[Any] = ROUNDED
-) -> tuple[NDArray[np.uint8], NDArray[Any]]:
+    colors: Bytes, centers: NDArray[Any], of_distance: NDArray[Any] = ROUNDED
+) -> tuple[Bytes, NDArray[Any]]:
     """Nearest centre of each colour, the lower one on a tie, and the entry of its rounded distance.
 
     The rounded distances themselves are the difference image of the report (chapter 2.3).
@@ -101,7 +99,7 @@ def nearest_centers(
 
 
 @compiled
-def _number_bins(pixels: NDArray[np.uint8], bins: NDArray[np.uint16]) -> int:
+def _number_bins(pixels: Bytes, bins: NDArray[np.uint16]) -> int:
     """Number the bins in the order in which the pixels (n, 3) meet them: that of each pixel (n,), and how many."""
     number, used = np.full(_BINS, _BINS, np.uint16), 0
     for i in range(pixels.shape[0]):
@@ -115,14 +113,13 @@ def _number_bins(pixels: NDArray[np.uint8], bins: NDArray[np.uint16]) -> int:
 
 
 @compiled
-def _sums(pixels: NDArray[np.uint8], group: NDArray[np.uint16], count: int) -> NDArray[np.int64]:
+def _sums(pixels: Bytes, group: NDArray[np.uint16], count: int) -> NDArray[np.int64]:
     """Sums of the colours (n, 3) of each group, and how many there are: (count, 4)."""
     sums = np.zeros((count, 4), np.int64)
     for i in range(group.size):
-        k = group[i]
         for c in range(3):
-            sums[k, c] += pixels[i, c]
-        sums[k, 3] += 1
+            sums[group[i], c] += pixels[i, c]
+        sums[group[i], 3] += 1
     return sums
 
 
@@ -167,7 +164,14 @@ def _settle(colors: Floats, weight: Floats, centers: Floats) -> None:
     n, k = weight.size, centers.shape[0]
     label, squared = np.zeros(n, np.int32), np.empty(n, np.float32)
     for _ in range(LLOYD_STEPS):
-        _nearest(colors, centers, label, squared)
+        squared[:] = np.float32(np.inf)
+        for j in range(k):  # the inner loop runs in vector registers
+            red, green, blue = centers[j, 0], centers[j, 1], centers[j, 2]
+            for i in range(n):
+                r, g, b = colors[0, i] - red, colors[1, i] - green, colors[2, i] - blue
+                d = r * r + g * g + b * b
+                label[i] = np.int32(j) if d < squared[i] else label[i]
+                squared[i] = min(d, squared[i])
         sums, moved = np.zeros((k, 4)), 0.0
         for i in range(n):
             own = sums[label[i]]
@@ -187,32 +191,9 @@ def _settle(colors: Floats, weight: Floats, centers: Floats) -> None:
             break
 
 
-@compiled_within
-def _nearest(
-    colors: Floats, centers: Floats, label: NDArray[np.int32], squared: NDArray[np.float32]
-) -> None:
-    """Nearest centre (k, 3) of each colour (3, n), the lower one on a tie, and the squared distance to it.
-
-    The loop over colours is the inner one, so that it runs in vector registers.
-    """
-    squared[:] = np.float32(1e30)
-    for j in range(centers.shape[0]):
-        red, green, blue = centers[j, 0], centers[j, 1], centers[j, 2]
-        for i in range(squared.size):
-            r, g, b = colors[0, i] - red, colors[1, i] - green, colors[2, i] - blue
-            d = r * r + g * g + b * b
-            nearer = d < squared[i]
-            squared[i] = d if nearer else squared[i]
-            label[i] = np.int32(j) if nearer else label[i]
-
-
 @compiled
 def _fill_nearest(
-    colors: NDArray[np.uint8],
-    centers: Floats,
-    of_distance: NDArray[Any],
-    label: NDArray[np.uint8],
-    entry: NDArray[Any],
+    colors: Bytes, centers: Floats, of_distance: NDArray[Any], label: Bytes, entry: NDArray[Any]
 ) -> None:
     """Label and entry (n,) of flat colours (3 n,), by one minimum over 16 centres m at a time.
 

@@ -11,7 +11,7 @@ from wayside.schemas.detections import SOURCES, Dropped, Regions, Segmentation
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import Camera, Image
 from wayside.schemas.settings import GateSettings, SegmentSettings
-from wayside.stages.kernels import compiled, compiled_within, require_array
+from wayside.stages.kernels import Array, Bytes, Numbers, compiled, compiled_within, require_array
 from wayside.stages.segmentation.palette import (
     DIFFERENCES,
     nearest_centers,
@@ -24,6 +24,10 @@ SAMPLE_PX = 80_000
 FACE_ROWS = (-0.4, 0.15)
 """Where in an image faces can stand, as tangents of the angle below its optical axis: with -0.22 and 0.13 a fifth of
 the faces in images of streets is not seen."""
+
+_PACK = np.uint64(0x0102040810204080)
+Runs = NDArray[np.uint32]
+Counts = NDArray[np.int32]
 
 
 def segment(
@@ -64,7 +68,7 @@ def band_of(camera: Camera | None, height: int) -> tuple[int, int]:
 
 
 def _segment_rows(
-    image: Image, rgb: NDArray[np.uint8], settings: SegmentSettings, gate: GateSettings
+    image: Image, rgb: Bytes, settings: SegmentSettings, gate: GateSettings
 ) -> Segmentation:
     rows = band_of(image.frame.camera, len(rgb))
     band = rgb[slice(*rows)]
@@ -93,7 +97,7 @@ def regions_before_gate(segmentation: Segmentation) -> Regions:
     return _regions_of(labels, image[first:last], first, GateSettings(1, labels[0].size))[0]
 
 
-def optimal_breaks(histogram: NDArray[Any], classes: int) -> NDArray[np.int64]:
+def optimal_breaks(histogram: NDArray[Any], classes: int) -> Numbers:
     """First value of each class in the K-means optimum of whole numbers 0, 1, ... given how often each occurs.
 
     The best classes are intervals, found by dynamic programming without a start or a seed. The cost of the first i
@@ -113,8 +117,9 @@ def optimal_breaks(histogram: NDArray[Any], classes: int) -> NDArray[np.int64]:
     counts = counts[: max(classes, np.flatnonzero(counts).max(initial=-1) + 1)]
     values = np.arange(counts.size)
     moments = np.stack([counts, counts * values, counts * values**2]).cumsum(axis=1)
+    w, s, q = (np.subtract.outer(*[np.append(0.0, one)] * 2) for one in moments)  # of t to i
     starts = np.empty((classes - 1, counts.size + 1), np.int64)
-    _divide(np.pad(moments, ((0, 0), (1, 0))), starts)
+    _divide(np.maximum(0.0, q - s * s / np.where(w > 0, w, 1.0)), starts)
     breaks = [counts.size]
     for start in starts[::-1]:
         breaks.append(int(start[breaks[-1]]))
@@ -122,21 +127,11 @@ def optimal_breaks(histogram: NDArray[Any], classes: int) -> NDArray[np.int64]:
 
 
 @compiled
-def _divide(moments: NDArray[np.float64], starts: NDArray[np.int64]) -> None:
-    """First value of the last class of the best division of the first i values into 2, 3, ... classes.
-
-    `moments` (3, n + 1): sums over the first i values of their counts, times 1, the value and its square.
-    """
-    n = moments.shape[1]
-    cost = np.empty((n, n))
-    for i in range(n):
-        for t in range(i + 1):
-            weight, first = moments[0, i] - moments[0, t], moments[1, i] - moments[1, t]
-            spread = moments[2, i] - moments[2, t] - first * first / (weight if weight > 0 else 1.0)
-            cost[i, t] = max(0.0, spread)
+def _divide(cost: Array, starts: Numbers) -> None:
+    """First value of the last class of the best division of the first i values into 2, 3, ... classes."""
     best = cost[:, 0].copy()
     for j in range(len(starts)):
-        for i in range(n - 1, -1, -1):
+        for i in range(best.size - 1, -1, -1):
             least = np.inf
             for t in range(i + 1):
                 this = best[t] + cost[i, t]
@@ -146,7 +141,7 @@ def _divide(moments: NDArray[np.float64], starts: NDArray[np.int64]) -> None:
 
 
 def connected_regions(
-    labels: NDArray[np.uint8], rgb: NDArray[np.uint8], gate: GateSettings, source: str = "pass1"
+    labels: Bytes, rgb: Bytes, gate: GateSettings, source: str = "pass1"
 ) -> tuple[Regions, int]:
     """Regions of equal label (4 neighbours) within the size gate, in reading order, and how many there are before it.
 
@@ -174,12 +169,7 @@ def connected_regions(
 
 
 @compiled
-def _join_runs(
-    labels: NDArray[np.uint8],
-    start: NDArray[np.uint32],
-    parent: NDArray[np.uint32],
-    area: NDArray[np.uint32],
-) -> int:
+def _join_runs(labels: Bytes, start: Runs, parent: Runs, area: Runs) -> int:
     """Number of runs of equal label in rows, in reading order.
 
     Fills for each run its start (row * width + column), the first run of its region (`parent`), and the pixels of the
@@ -187,7 +177,7 @@ def _join_runs(
     loop over the starts of runs in it and above it has no branch, which would be mispredicted in noise.
     """
     height, width = labels.shape
-    words, one = (width + 63) // 64, np.uint64(1)
+    words, one, top = (width + 63) // 64, np.uint64(1), np.uint64(56)
     flags, above = np.zeros((2, 64 * words), np.uint8), np.zeros(words, np.uint64)
     eights, pair = flags.view(np.uint64), np.empty((2, 2 * width), np.uint32)
     n = upper = np.uint64(0)  # signed numbers would be asked whether they count from the end
@@ -199,7 +189,13 @@ def _join_runs(
         for x in range(width):
             flags[1, x] = row[x] == row_above[x]
         for word in range(words):
-            new, before, same = _bits(eights[0], word), above[word], _bits(eights[1], word)
+            new = same = np.uint64(0)
+            for byte in range(
+                8
+            ):  # a product has one bit of each of eight bytes in its highest byte
+                new |= eights[0, 8 * word + byte] * _PACK >> top << np.uint64(8 * byte)
+                same |= eights[1, 8 * word + byte] * _PACK >> top << np.uint64(8 * byte)
+            before = above[word]
             either, above[word] = new | before, new
             while either:
                 bit = np.uint64(trailing_zeros(either))  # type: ignore[call-arg]
@@ -223,25 +219,9 @@ def _join_runs(
     return int(n)
 
 
-@compiled_within
-def _bits(eights: NDArray[np.uint64], word: int) -> np.uint64:
-    """64 flags, 0 or 1, as bits: the product puts eight bytes of one bit each into its highest byte."""
-    bits = np.uint64(0)
-    for byte in range(8):
-        packed = eights[8 * word + byte] * np.uint64(0x0102040810204080) >> np.uint64(56)
-        bits |= packed << np.uint64(8 * byte)
-    return bits
-
-
 @compiled
 def _measure(
-    start: NDArray[np.uint32],
-    parent: NDArray[np.uint32],
-    row: NDArray[np.int32],
-    width: int,
-    levels: NDArray[np.uint8],
-    box: NDArray[np.int32],
-    sums: NDArray[np.int64],
+    start: Runs, parent: Runs, row: Counts, width: int, levels: Bytes, box: Counts, sums: Numbers
 ) -> None:
     """Boxes (k, 4) and sums of colours (k, 3) of the regions whose first run has a row; `levels`: of a flat image."""
     kept, count = np.empty(row.size, np.uint32), 0
@@ -260,7 +240,7 @@ def _measure(
 
 
 @compiled_within
-def _root(parent: NDArray[np.uint32], i: np.uint32) -> np.uint32:
+def _root(parent: Runs, i: np.uint32) -> np.uint32:
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -268,16 +248,10 @@ def _root(parent: NDArray[np.uint32], i: np.uint32) -> np.uint32:
 
 
 def _regions_of(
-    labels: tuple[NDArray[np.uint8], NDArray[np.uint8]],
-    band: NDArray[np.uint8],
-    first_row: int,
-    gate: GateSettings,
+    labels: tuple[Bytes, Bytes], band: Bytes, first_row: int, gate: GateSettings
 ) -> tuple[Regions, int]:
     """Regions of both label images, with boxes in the whole image, and how many there are before the gate."""
-    first, second = (
-        connected_regions(image, band, gate, source)
-        for image, source in zip(labels, ("pass1", "pass2"), strict=True)
-    )
+    first, second = (connected_regions(labels[k], band, gate, SOURCES[k]) for k in range(2))
     regions = Regions.joined([first[0], second[0]])
     regions.box[:, [1, 3]] += first_row
     return regions, first[1] + second[1]

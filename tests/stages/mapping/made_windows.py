@@ -19,14 +19,14 @@ def window(boxes, noise_px=0.0):
     noise = np.random.default_rng(2).normal(0, noise_px / 1400, (len(flat), 2))
     table["ray"], table["size"] = flat[:, :2] / flat[:, 2:3] + noise, flat[:, 3:5] / flat[:, 2:3]
     table["score"], table["whole"], table["seed"] = flat[:, 5], True, True
-    return WindowCandidates(
-        rotation=np.repeat(np.eye(3)[None], n, axis=0),
-        centre=np.outer(8.0 * np.arange(n), [0, 0, 1]),
-        focal=np.full(n, 1400.0),
-        bounds=np.repeat([[-0.57, -0.43, 0.57, 0.43]], n, axis=0),
-        first=np.cumsum([0, *map(len, boxes)]).astype(np.int64),
-        table=table,
+    poses = (
+        np.repeat(np.eye(3)[None], n, axis=0),
+        np.outer(8.0 * np.arange(n), [0, 0, 1]),
+        np.full(n, 1400.0),
+        np.repeat([[-0.57, -0.43, 0.57, 0.43]], n, axis=0),
     )
+    first = np.cumsum([0, *map(len, boxes)]).astype(np.int64)
+    return WindowCandidates.of(poses, first, table)
 
 
 def fitted(candidates):
