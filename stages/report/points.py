@@ -20,8 +20,6 @@ from wayside.stages.mapping import BOX_SIGMA, STEP_COVARIANCE, point_covariance
 # Set on learning drives, where no other reason is given.
 MOST_POINTS, CONTRAST = 60, 0.03
 """Strongest SIFT points of a view, and their least contrast."""
-LARGEST_PX = 8000
-"""Most pixels of a view that SIFT searches: of larger ones, which are reduced, most points would not be used."""
 RATIO, SAME_PX = 0.8, 2.0
 """Largest distance of a descriptor from its nearest, by that from the nearest at another place (Lowe 2004), px away."""
 LARGEST_E = 4.0
@@ -53,14 +51,10 @@ def match_points(first: Crop, second: Crop, sift: cv2.SIFT, fewest: float) -> tu
     """
     places, rays, described = (list[Any]() for _ in range(3))
     for crop in (first, second):
-        by = _reduction(crop)
-        height, width = (n // by for n in crop.grey.shape)
-        whole = crop.grey[: height * by, : width * by]
-        grey = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
-        found, codes = sift.detectAndCompute(grey, None)
+        found, codes = sift.detectAndCompute(crop.grey, None)
         if len(found) < max(1, fewest):
             return np.zeros((0, 3)), np.zeros(0)
-        places.append((np.asarray(cv2.KeyPoint.convert(found), np.float64) + 0.5) * by - 0.5)
+        places.append(np.asarray(cv2.KeyPoint.convert(found), np.float64))
         rays.append(to_rays(crop.camera, places[-1] + crop.corner))
         described.append(codes)
     (start, end), (own, other), at = rays, described, places[1]
@@ -82,10 +76,6 @@ def match_points(first: Crop, second: Crop, sift: cv2.SIFT, fewest: float) -> tu
     mutual = apart.argmin(axis=0)[nearest] == rows
     rows = rows[mutual & (apart[rows, nearest] < RATIO * others)]
     return point[rows, nearest[rows]], e[rows, nearest[rows]]
-
-
-def _reduction(crop: Crop) -> int:
-    return int(np.ceil(np.sqrt(crop.grey.size / LARGEST_PX)))
 
 
 def depth_sigma(point: Array, travel: Array) -> Array:
@@ -158,7 +148,7 @@ def _placed(one: Landmark, sift: cv2.SIFT, size: float) -> Landmark:
     tall_px = focal * one.height_m / centre[2]
     points = np.vstack([centre, points])
     scatter = depth_sigma(points, travel) / focal
-    scatter *= [BOX_SIGMA[0] + BOX_SIGMA[1] * tall_px, *(POINT_PX * _reduction(second) for _ in e)]
+    scatter *= [BOX_SIGMA[0] + BOX_SIGMA[1] * tall_px, *(POINT_PX for _ in e)]
     fit = fit_depth(points[:, 2], scatter)
     rigidity = RIGIDITY * float(np.log1p(max(0.0, fit.evidence.sum())))
     evidence = (*one.evidence, ("size", size), ("rigidity", rigidity))
