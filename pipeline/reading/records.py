@@ -330,7 +330,7 @@ class _Scanner:
 
     def _bytes_at(self, offset: int, count: int) -> bytes:
         """This many bytes, or as many as there are."""
-        self.stream.seek(offset)
+        self.stream.seek(min(offset, self.size))  # a damaged length leads beyond 2^63
         return self.stream.read(count)
 
     def _content(self, head: RecordHead) -> bytes:

@@ -10,7 +10,7 @@ import lz4.frame
 import numpy as np
 import pytest
 import zstandard
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, IndexType, Writer
 
@@ -420,6 +420,7 @@ def test_a_hopeless_file_cannot_fill_the_memory_with_problems(tmp_path):
     places=st.lists(st.tuples(st.floats(0, 1), st.integers(0, 255)), min_size=1, max_size=8),
     chunked=st.booleans(),
 )
+@example(places=[(0.8816432034359376, 124)], chunked=True)  # a record that ends beyond 2^63
 def test_no_damage_makes_reading_fail_or_delivers_damaged_chunks(tmp_path, places, chunked):
     content = write(use_chunking=chunked, chunk_size=600)
     for share, value in places:
