@@ -37,7 +37,7 @@ HALF_SIZE = (-np.inf, FACE_ROWS[0], np.inf, FACE_ROWS[1])
 """The same at half size, as tangents: with 0.1 below, a low beacon of a hilly drive is lost."""
 LEAST_SCORE = -2.0
 """Boxes of the network of lower log odds are left out: on seven drives less than 1 % of them were views of a sign. From
--1.75, one of 272 signs of drives held out is lost, from -1.5 one of 98 of real drives."""
+-1.75 on, one of 272 signs of held-out drives is lost, from -1.5 on one of 98 of real drives."""
 MOST_BOXES = 48
 """Boxes of the network that are kept in an image, at most: 60 find no more signs, and 40 one of 61 less in a city."""
 SAME_BOX_IOU = 0.5

@@ -102,7 +102,7 @@ def _match(
         near = 0
         for row in range(int(max(0.0, top)), int(min(rows - 1.0, bottom)) + 1):
             begin, end = first[row * columns + column_from], first[row * columns + column_to + 1]
-            for k in range(np.uint64(begin), np.uint64(end)):  # an index that may be negative costs
+            for k in range(np.uint64(begin), np.uint64(end)):  # signed: tested for negative
                 x, y = place[k, 0] - u, place[k, 1] - v
                 along = x * du + y * dv
                 candidates[np.uint64(near)] = order[k]

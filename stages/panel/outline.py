@@ -39,8 +39,8 @@ from wayside.stages.panel.outline_shapes import (
 COARSE, FINE = (0.12, 0.28, TRIAL_STEP), (0.0, 0.0, OFFSET_STEP)
 """The strongest outline lies within the box or outside it by such fractions of the smaller side at most, and step."""
 MOST_NEAR, MOST_INNER = (4, 0.7), (2, 0.8)
-"""Shapes whose strongest outline is sought once more near by, and those round which candidates are sought: so many, no
-weaker than this part of the strongest. The outline chosen was never one of a weaker shape (of 184 panels)."""
+"""How many shapes are sought once more near by, and how many get candidates around them; each no weaker than this part
+of the strongest. The outline chosen was never one of a weaker shape (of 184 panels)."""
 SIDE_ROUNDS, SIDE_SEARCH = 2, 4.0
 """Rounds of aligning the profiles of the sides, and range of the shift that aligns them."""
 SIDE_PENALTY = 0.01
@@ -295,10 +295,9 @@ def _fit_sides(x: Array, aspect: float, jacobian: Array, offset: Array, weight: 
 def settle_sides(gradients: Gradients, outline: Outline) -> tuple[Array, Array]:
     """Change (4,) of a box for a rim too narrow to have an edge of its own, and variance (4,) of each side, samples^2.
 
-    Such a rim widens the outer flank of the edge. The variance is about where the side then lies, by all edges that it
-    could lie on alone: the posterior of its offset, with the prior of a side and the information of an edge as in
-    `align_sides`; edges count by how far the side moves their segments. One clear edge leaves little; two of like
-    strength, their distance.
+    Such a rim widens the outer flank of the edge. The variance is that of the posterior of the offset of a side, over
+    all edges that it could lie on, with the prior of a side and the information of an edge as in `align_sides`. Edges
+    count by how far the side moves their segments. One clear edge leaves little; two of like strength, their distance.
     """
     segments = segments_of(outline.shape, outline.box, outline.rotation)
     step, near = OFFSET_STEP, round(1 / OFFSET_STEP)

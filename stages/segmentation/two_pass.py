@@ -173,14 +173,14 @@ def _join_runs(labels: Bytes, start: Runs, parent: Runs, area: Runs) -> int:
     """Number of runs of equal label in rows, in reading order.
 
     Fills for each run its start (row * width + column), the first run of its region (`parent`), and the pixels of the
-    region that it is the first run of, else 0. Union-find: a root is the smallest run. 64 pixels are a word of bits: a
-    loop over the starts of runs in it and above it has no branch, which would be mispredicted in noise.
+    region that it is the first run of, else 0. Union-find: a root is the smallest run. 64 pixels are one word. The
+    loop over starts of runs, here and in the row above, has no branch, which noise would mispredict.
     """
     height, width = labels.shape
     words, one, top = (width + 63) // 64, np.uint64(1), np.uint64(56)
     flags, above = np.zeros((2, 64 * words), np.uint8), np.zeros(words, np.uint64)
     eights, pair = flags.view(np.uint64), np.empty((2, 2 * width), np.uint32)
-    n = upper = np.uint64(0)  # signed numbers would be asked whether they count from the end
+    n = upper = np.uint64(0)  # signed indices would be tested for being negative
     for y in range(height):
         row, row_above, first, pairs = labels[y], labels[max(0, y - 1)], n, np.uint64(0)
         flags[0, 0] = 1
@@ -190,9 +190,7 @@ def _join_runs(labels: Bytes, start: Runs, parent: Runs, area: Runs) -> int:
             flags[1, x] = row[x] == row_above[x]
         for word in range(words):
             new = same = np.uint64(0)
-            for byte in range(
-                8
-            ):  # a product has one bit of each of eight bytes in its highest byte
+            for byte in range(8):  # the highest byte of a product has one bit of each byte
                 new |= eights[0, 8 * word + byte] * _PACK >> top << np.uint64(8 * byte)
                 same |= eights[1, 8 * word + byte] * _PACK >> top << np.uint64(8 * byte)
             before = above[word]
