@@ -5,7 +5,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -82,10 +82,10 @@ class _CompilationListener(event.Listener):
 
     def on_start(self, event: event.Event) -> None:
         self._depth += 1
-        cached = not isinstance(event.data["dispatcher"]._cache, NullCache)
-        if self.ahead is None and cached:
+        if self.ahead is None and not isinstance(event.data["dispatcher"]._cache, NullCache):
             command, unheard = [sys.executable, "-P", "-c", _AHEAD], subprocess.DEVNULL
-            self.ahead = subprocess.Popen(command, stdout=unheard, stderr=unheard)
+            with suppress(OSError):  # without it, the first run takes longer
+                self.ahead = subprocess.Popen(command, stdout=unheard, stderr=unheard)
         if self._depth == 1:
             gc.disable()
             self._notify(True)
