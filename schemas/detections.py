@@ -235,10 +235,6 @@ class Dropped(NamedTuple):
     left_out: int = 0
     """Boxes of the detection network beyond the best."""
 
-    def plus(self, others: "Dropped") -> "Dropped":
-        """Both together."""
-        return Dropped(*(a + b for a, b in zip(self, others, strict=True)))
-
 
 NOTHING_DROPPED = Dropped()
 

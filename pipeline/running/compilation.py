@@ -83,9 +83,9 @@ class _CompilationListener(event.Listener):
     def on_start(self, event: event.Event) -> None:
         self._depth += 1
         if self.ahead is None and not isinstance(event.data["dispatcher"]._cache, NullCache):
-            command, unheard = [sys.executable, "-P", "-c", _AHEAD], subprocess.DEVNULL
+            command, nowhere = [sys.executable, "-P", "-c", _AHEAD], subprocess.DEVNULL
             with suppress(OSError):  # without it, the first run takes longer
-                self.ahead = subprocess.Popen(command, stdout=unheard, stderr=unheard)
+                self.ahead = subprocess.Popen(command, stdout=nowhere, stderr=nowhere)
         if self._depth == 1:
             gc.disable()
             self._notify(True)

@@ -48,7 +48,7 @@ def _shown(
     beside, above = around * (x1 - x0) + scale, around * (y1 - y0) + scale
     left = int(min(max(x0 - beside, 0), rgb.shape[1] - scale)) // scale
     top = int(min(max(y0 - above, 0), rgb.shape[0] - scale)) // scale
-    right, bottom = int(x1 + beside) // scale + 1, int(y1 + above) // scale + 1
+    right, bottom = max(int(x1 + beside) // scale, left) + 1, max(int(y1 + above) // scale, top) + 1
     part = rgb[scale * top : scale * bottom, scale * left : scale * right]
     return halved(part if scale == 2 else halved(part)), scale, left, top
 

@@ -40,7 +40,7 @@ COARSE, FINE = (0.12, 0.28, TRIAL_STEP), (0.0, 0.0, OFFSET_STEP)
 """The strongest outline lies within the box or outside it by such fractions of the smaller side at most, and step."""
 MOST_NEAR, MOST_INNER = (4, 0.7), (2, 0.8)
 """How many shapes are sought once more near by, and how many get candidates around them; each no weaker than this part
-of the strongest. The outline chosen was never one of a weaker shape (of 184 panels)."""
+of the strongest. The outline chosen was never one of a weaker shape (184 panels of development drives)."""
 SIDE_ROUNDS, SIDE_SEARCH = 2, 4.0
 """Rounds of aligning the profiles of the sides, and range of the shift that aligns them."""
 SIDE_PENALTY = 0.01

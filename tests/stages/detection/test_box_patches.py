@@ -45,14 +45,14 @@ def test_a_large_box_is_drawn_from_a_smaller_image(side, scale, width):
     assert (shown == 100).all() == (scale >= 2 * width)
 
 
-@pytest.mark.parametrize(
-    "box", [(-30, -20, 10, 15), (195, 155, 201, 161), (0, 0, 200, 160), (185, 9, 205, 29)]
-)
+BORDER = [(-30, -20, 10, 15), (195, 155, 201, 161), (0, 0, 200, 160), (185, 9, 205, 29)]
+
+
+@pytest.mark.parametrize("box", [*BORDER, (-400, 0, -300, 90)])
 def test_beyond_the_border_it_is_repeated(box):
-    rgb, table = scene().repeat(4, 0).repeat(4, 1), 4 * np.array([box], np.float32)
+    rgb, at = scene().repeat(4, 0).repeat(4, 1), 4 * np.array([box], np.float32)
     around = cv2.copyMakeBorder(rgb, *[1024] * 4, cv2.BORDER_REPLICATE)
-    found, wanted = drawn_patches(rgb, table), drawn_patches(around, table + 1024)
-    assert np.abs(found.astype(int) - wanted).max() <= 1
+    assert np.abs(drawn_patches(rgb, at).astype(int) - drawn_patches(around, at + 1024)).max() <= 1
 
 
 def test_other_arrays_are_refused():
