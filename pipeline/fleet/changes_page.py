@@ -118,10 +118,10 @@ def _heading(row: Row) -> str:
     return " → ".join(codes) or str(row["panel_before"] or row["panel_after"])
 
 
-def _order(row: Row) -> tuple[int, float, str, str]:
-    """By kind of change, the surest first."""
-    names = row["panel_before"] or "", row["panel_after"] or ""
-    return _KINDS.index(row["change"]), -(row["probability"] or 0.0), *names
+def _order(row: Row) -> tuple[bool, int, float, str, str]:
+    """What has changed before what has not; by kind of change, the surest first."""
+    names, kind = (row["panel_before"] or "", row["panel_after"] or ""), row["change"]
+    return kind in QUIET, _KINDS.index(kind), -(row["probability"] or 0.0), *names
 
 
 def _images(inventory: Path, rows: list[Row]) -> tuple[dict[tuple[int, str], str], list[str]]:
