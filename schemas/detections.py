@@ -230,8 +230,6 @@ class Dropped(NamedTuple):
 
     size: int = 0
     """Too few or too many pixels, or no height or aspect of a face."""
-    merged: int = 0
-    """Nearly the same as one that stays."""
     left_out: int = 0
     """Boxes of the detection network beyond the best."""
 

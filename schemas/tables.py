@@ -238,7 +238,6 @@ FRAMES = Table(
                "used"),
         Column("outside_size", _WHOLE, "", "regions of any source with too few or too many pixels, or no height or "
                "aspect of a face; null where the frame is not used"),
-        Column("merged", _WHOLE, "", "regions nearly the same as one that stays; null where the frame is not used"),
         Column("left_out", _WHOLE, "", "boxes of the detection network not classified, because it takes others for "
                "likelier faces; null where the frame is not used"),
         Column("candidates", _WHOLE, "", "regions classified; null where the frame is not used"),

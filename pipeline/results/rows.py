@@ -55,7 +55,6 @@ def frame_row(tracked: TrackedFrame) -> dict[str, Any]:
         "motion_source": motion.source,
         "regions": tracked.region_count,
         "outside_size": tracked.dropped.size,
-        "merged": tracked.dropped.merged,
         "left_out": tracked.dropped.left_out,
         "candidates": len(tracked.candidates),
     }

@@ -30,8 +30,8 @@ INSIDE = 0.5
 """Fraction of the weighted samples that lies in the other view at least."""
 LEAST_ZNCC = 0.8
 """Correlation (ZNCC) above which a template counts as found."""
-SAMPLES_PER_INDEPENDENT = 3.0
-"""Neighbouring samples that share a pixel count as one."""
+SHARED_SAMPLES = 3.0
+"""So many neighbouring samples share a pixel and count as one."""
 SMALLEST_VARIANCE = 1.0
 """Least variance of a sample, in grey levels squared."""
 
@@ -67,7 +67,7 @@ def align(template: Samples, weight: Samples, patch: Samples, start: Array) -> A
 @compiled
 def variance_of(squares: float, inside: float) -> float:
     """Variance of a sample; neighbouring samples share a pixel of the image and are not independent."""
-    independent = max(inside / SAMPLES_PER_INDEPENDENT, 1.0)
+    independent = max(inside / SHARED_SAMPLES, 1.0)
     return max(squares / independent, SMALLEST_VARIANCE)
 
 

@@ -38,9 +38,6 @@ from wayside.stages.panel.outline_shapes import (
 
 COARSE, FINE = (0.12, 0.28, TRIAL_STEP), (0.0, 0.0, OFFSET_STEP)
 """The strongest outline lies within the box or outside it by such fractions of the smaller side at most, and step."""
-MOST_NEAR, MOST_INNER = (4, 0.7), (2, 0.8)
-"""How many shapes are sought once more near by, and how many get candidates around them; each no weaker than this part
-of the strongest. The outline chosen was never one of a weaker shape (184 panels of development drives)."""
 SIDE_ROUNDS, SIDE_SEARCH = 2, 4.0
 """Rounds of aligning the profiles of the sides, and range of the shift that aligns them."""
 SIDE_PENALTY = 0.01
@@ -187,32 +184,38 @@ def _features(inner: "Outline", outer: Array, detected: Array, edge: Array, stri
 
 
 class Outline(NamedTuple):
-    """A fitted outline: shape, box, rotation (rad, clockwise), mean edge strength 0 to 1."""
+    """A fitted outline: shape, box, rotation (rad, clockwise), mean edge strength 0 to 1 and its standard error."""
 
     shape: str
     box: Array
     rotation: float
     strength: float
+    error: float = 0.0
 
 
 def strongest_outlines(gradients: Gradients, box: Array) -> list[Outline]:
     """Outlines of the best shapes near a box, the strongest one of each."""
-    found, near = list[Outline](), list[Outline]()
-    for shape in OUTLINE_SHAPES:
-        outer, strength = strongest_outline(gradients, TEMPLATES[shape], box, *COARSE)
-        found.append(Outline(shape, outer, 0.0, strength))
+    near = [_strongest(gradients, shape, box, COARSE) for shape in OUTLINE_SHAPES]
     # segments rotate as the proportions change: once more, near by
-    for one in _best(found, *MOST_NEAR):
-        outer, strength = strongest_outline(gradients, TEMPLATES[one.shape], one.box, *FINE)
-        near.append(one._replace(box=outer, strength=strength))
-    return [align_sides(gradients, one) for one in _best(near, *MOST_INNER)]
+    near = [_strongest(gradients, one.shape, one.box, FINE) for one in _best(near)]
+    return [align_sides(gradients, one) for one in _best(near)]
 
 
-def _best(found: list[Outline], most: int, part: float) -> list[Outline]:
-    """The strongest of those that are a sample or more wide and high: a narrower one has no outline."""
+def _strongest(
+    gradients: Gradients, shape: str, box: Array, near: tuple[float, float, float]
+) -> Outline:
+    outer, strength, error = strongest_outline(gradients, TEMPLATES[shape], box, *near)
+    return Outline(shape, outer, 0.0, strength, error)
+
+
+def _best(found: list[Outline]) -> list[Outline]:
+    """The strongest, and those that its standard error does not tell from it (Breiman et al., 1984).
+
+    Narrower ones than a sample have no outline.
+    """
     wide = [one for one in found if (one.box[2:] - one.box[:2]).min() >= 1.0]
     wide.sort(key=lambda one: -one.strength)
-    return [one for one in wide[:most] if one.strength >= part * wide[0].strength]
+    return [one for one in wide if one.strength >= wide[0].strength - wide[0].error]
 
 
 def align_sides(gradients: Gradients, outline: Outline) -> Outline:

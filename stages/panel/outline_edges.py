@@ -140,13 +140,13 @@ def _median(few: NDArray[np.float32]) -> NDArray[np.float32]:
 @compiled
 def strongest_outline(
     gradients: Gradients, template: Array, start: Array, inward: float, outward: float, step: float
-) -> tuple[Array, float]:
-    """Box (4,) of the strongest outline with the segments of a template near a box, and its mean strength.
+) -> tuple[Array, float, float]:
+    """Box (4,) of the strongest outline with the segments of a template near a box; mean strength, standard error.
 
     `inward`, `outward`: how far, as fractions of the smaller side. `step`: distance of the places. Coordinate ascent
     along `MOVES`, one after the other.
     """
-    change, count, strongest = np.zeros(4), len(template), -1.0
+    change, count, strongest, error = np.zeros(4), len(template), -1.0, 0.0
     side = min(start[2] - start[0], start[3] - start[1])
     low = -step * np.ceil(max(inward * side + 1, SEARCH) / step)
     high = step * np.ceil(max(outward * side + 1, SEARCH) / step)
@@ -162,18 +162,20 @@ def strongest_outline(
                 slope[k] += segments.jacobian[k, c] * MOVES[d, c] / step
         first, best = max(low, -MOVES[d, 4]), 0.0
         for n in range(int(np.ceil((min(high, MOVES[d, 4]) - first) / TRIAL_STEP))):
-            size, total = first + n * TRIAL_STEP, 0.0
+            size, total, squares = first + n * TRIAL_STEP, 0.0, 0.0
             for k in range(count):
                 at = min(max(origin[k] + size * slope[k], 0.0), last)
                 i = int(at)
-                total += profiles[k, i] + (at - i) * (profiles[k, i + 1] - profiles[k, i])
+                strength = profiles[k, i] + (at - i) * (profiles[k, i + 1] - profiles[k, i])
+                total, squares = total + strength, squares + strength * strength
             for c in range(4):
                 if abs(change[c] + size * MOVES[d, c]) > limit:
                     total = -1.0
             if total > strongest * count:
                 strongest, best = total / count, size
+                error = np.sqrt(max(squares / count - strongest**2, 0.0) / (count - 1))
         for c in range(4):
             change[c] += best * MOVES[d, c]
     for c in range(4):
         change[c] += start[c]
-    return change, strongest
+    return change, strongest, error

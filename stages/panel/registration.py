@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from wayside.schemas.measurement import Alignment
 from wayside.schemas.models import LinearModel
 from wayside.stages.kernels import Array
-from wayside.stages.panel.image_alignment import Samples, align, warp_to_template
+from wayside.stages.panel.image_alignment import SHARED_SAMPLES, Samples, align, warp_to_template
 from wayside.stages.panel.outline import FaceOutline, fit_face_outline
 from wayside.stages.panel.outline_shapes import segments_of
 from wayside.stages.panel.rectification import PanelPlane, PosedImage, RectifiedView, rectify
@@ -30,8 +30,6 @@ DEPTH_RATIO = 3.2
 """Views up to so many times farther than the template are registered."""
 ENOUGH_VIEWS, MOST_TEMPLATES = 2, 3
 """With fewer registered, the next view becomes the template, of so many: the nearest may be half hidden."""
-HOPELESS = 0.3
-"""Correlation of whole samples below which none is found by parts of a sample (0.37 at least, of 408 views)."""
 FEWEST_SAMPLES = 64
 """Samples that are compared at least: a far view mixes a small face with its background."""
 BLUR = 0.45
@@ -153,9 +151,12 @@ def align_view(template: RectifiedView, view: RectifiedView, weight: Samples) ->
     # at first in whole samples: the weighted part of the template in all of the view
     left, top, wide, high = cv2.boundingRect((weight > 0).astype(np.uint8))
     part = first[top : top + high, left : left + wide]
-    _, most, _, place = cv2.minMaxLoc(cv2.matchTemplate(view.grey, part, cv2.TM_CCOEFF_NORMED))
+    places = cv2.matchTemplate(view.grey, part, cv2.TM_CCOEFF_NORMED)
+    _, most, _, place = cv2.minMaxLoc(places)
     start = np.subtract(place, (left, top), dtype=np.float64)
-    found = align(first, weight, view.grey, start) if most > HOPELESS else None
+    # of so many places, one correlates as well by chance
+    chance = np.sqrt(2 * np.log(places.size) * SHARED_SAMPLES / part.size)
+    found = align(first, weight, view.grey, start) if most > chance else None
     if found is None:
         return None
     unit = np.array([scale, scale, 1, 1])

@@ -86,15 +86,15 @@ def test_signs_are_numbered_by_station_and_observations_name_their_sign(tmp_path
 
 def test_every_image_has_a_row_with_its_regions_counted_by_reason_and_in_all(tmp_path):
     room = zip(drive(), (5, 0, 6, 7), strict=True)
-    frames = [dataclasses.replace(frame, dropped=Dropped(10, 1, count)) for frame, count in room]
+    frames = [dataclasses.replace(frame, dropped=Dropped(10, count)) for frame, count in room]
     inventory, _, _, rows = write(tmp_path, frames)
     assert [r["status"] for r in rows] == ["used", "thinned", "used", "used"]
     assert [rows[1][name] for name in ("x", "candidates")] == [None] * 2
     assert rows[0]["baseline_m"] is None
     assert rows[2]["ties"] == 0
     assert rows[3]["x"] == pytest.approx(24.0)
-    counted = [(r["left_out"], r["outside_size"], r["merged"]) for r in rows]
-    assert counted == [(5, 10, 1), (None,) * 3, (6, 10, 1), (7, 10, 1)]
+    counted = [(r["left_out"], r["outside_size"]) for r in rows]
+    assert counted == [(5, 10), (None, None), (6, 10), (7, 10)]
     assert (inventory.verdicts["left_out"], inventory.verdicts["size"]) == (18, 40)
 
 

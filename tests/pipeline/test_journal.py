@@ -55,7 +55,7 @@ def detections(index, rows=5, points=7, optional=True):
         *dataclasses.astuple(Features.empty())[2:],
     )
     colors, none = np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
-    regions, dropped = Regions.empty(), Dropped(index, 2, 3)
+    regions, dropped = Regions.empty(), Dropped(index, 3)
     seen = Segmentation(image(index), regions, rows + 3, colors, none, (0, 0), dropped=dropped)
     return Detections(seen, found, features)
 
