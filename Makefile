@@ -21,7 +21,7 @@ help:
 	@echo 'make check    lint, format, types, layers, marks of a merge'
 	@echo 'make site     build the documentation site in out/site; needs no network once its packages are installed'
 	@echo 'make accept   measure recall, precision and accuracy on rendered drives; fails below the floor'
-	@echo 'make held-out measure the same on drives that nothing was learned from or chosen by; writes a table'
+	@echo 'make held-out measure the same on drives that no model was learned from; writes a table'
 	@echo 'make drives   render all drives into .cache/drives'
 	@echo 'make learn    learn the models from the rendered drives'
 	@echo 'make learn-networks train the detection network and the box network: long, resumable'

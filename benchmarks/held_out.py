@@ -1,4 +1,4 @@
-"""Quote accuracy on drives that no model was learned from and no rule was chosen by.
+"""Quote accuracy on drives that no model was learned from.
 
     .venv/bin/python benchmarks/held_out.py [--jobs 2]
 

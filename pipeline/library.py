@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal
@@ -340,17 +340,15 @@ def _settings(
     preset: str, settings: "Settings | Mapping[str, Any] | None", options: Mapping[str, Any]
 ) -> "Settings":
     """The settings of a run; options: by full name, None where not given, paths as such."""
-    from wayside.pipeline.files.settings_file import load_settings
+    from wayside.pipeline.files.settings_file import by_full_name, load_settings
     from wayside.schemas.settings import Settings
 
-    overrides: dict[str, Any] = {}
     if isinstance(settings, Settings):
         if preset != "default":
             raise UsageError(f"a preset ({preset}) and all settings are given. Give one.")
-        for group, leaves in asdict(settings).items():
-            overrides |= {f"{group}.{name}": value for name, value in leaves.items()}
+        overrides = by_full_name(settings)
     else:
-        overrides |= settings or {}
+        overrides = dict(settings or {})
     for name, value in options.items():
         if value is not None:
             overrides[name] = os.fspath(value) if isinstance(value, os.PathLike) else value

@@ -97,6 +97,12 @@ def format_settings(settings: Settings, origins: Mapping[str, str], *, full: boo
     return "\n".join(lines) + "\n"
 
 
+def by_full_name(settings: Settings) -> dict[str, Any]:
+    """Every value by its full name: as options of `load_settings`, settings that were made in Python are checked."""
+    groups = asdict(settings).items()
+    return {f"{group}.{name}": value for group, held in groups for name, value in held.items()}
+
+
 def settings_digest(settings: Settings) -> str:
     """SHA-256 of every setting that can change the result of a drive; those of `_NO_RESULT` cannot."""
     values = {group: held for group, held in asdict(settings).items() if group not in _NO_RESULT}

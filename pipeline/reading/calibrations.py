@@ -164,7 +164,7 @@ def make_camera(size: Size, k: Matrix, model: str, d: Matrix) -> Camera:
     camera = Camera(width, height, k[0], k[4], k[2], k[5], d)
     if d and not _is_lens(camera):
         raise ContentError(
-            f"its distortion {', '.join(f'{one:g}' for one in d)} is that of no lens: points of the image have "
+            f"its distortion {', '.join(f'{one:g}' for one in d)} fits no lens: points of the image have "
             "no direction, or several"
         )
     return camera

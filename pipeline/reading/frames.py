@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from wayside.pipeline.files.settings_file import by_full_name, load_settings
 from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.reading.image_headers import frame_of
 from wayside.pipeline.reading.messages import Kind
@@ -15,7 +16,7 @@ from wayside.pipeline.reading.timeline import Timeline, make_timeline
 from wayside.pipeline.reading.video import CameraImages, image_messages, is_grey
 from wayside.schemas.errors import InputError
 from wayside.schemas.frame import NO_POSITION, OTHER_CAMERA, USED, WRONG_SIZE, Camera, Frame
-from wayside.schemas.settings import ReadSettings
+from wayside.schemas.settings import ReadSettings, Settings
 from wayside.stages.imaging import used_bits
 
 
@@ -46,8 +47,10 @@ def read_frames(
     copied where the encoding allows it.
 
     `report`: filled while the frames are taken; `camera`: replaces the calibrations of the log and of the settings.
-    Raises as `plan_reading` and `make_timeline`, at once; and InputError at the end, where no image could be used.
+    Raises as `load_settings`, `plan_reading` and `make_timeline`, at once; and InputError at the end, where no image
+    could be used.
     """
+    load_settings(options=by_full_name(Settings(read=settings)))
     plan = plan_reading(path, settings, camera)
     timeline = make_timeline(plan)
     plan.survey.positions.clear()  # what they tell of the images is in the timeline

@@ -14,7 +14,7 @@ from wayside.stages.kernels import Array, compiled
 SLIDING_PX = 0.12
 """Ties that may slide further along the edges of their patches are left out."""
 DISPLACEMENT_SIGMA = 0.002
-"""Scatter of a tie as a fraction of its displacement in the image (measured)."""
+"""Scatter of a tie as a fraction of its displacement in the image (measured; the drives are not on record)."""
 TIE_SCALE = 1.0
 """Scale of the robust cost of a tie, standard deviations."""
 ANCHOR_SIGMA_PX = 0.01

@@ -23,7 +23,7 @@ SAME_FACE_IOU = 0.4
 """Accepted boxes that overlap a better one more are suppressed (chosen by hand)."""
 REGRESSED_FROM = -1.0
 """Boxes of so much more than the threshold, as a front or a back, are moved onto the panel and classified again, log
-odds: of 6,183 views of signs on 23 drives 1 % had less before, and no sign is lost."""
+odds: of 6,183 views of signs 1 % had less before, and no sign is lost (8 learning, 6 development, 9 real drives)."""
 LARGEST_OFFSET = 1.5
 """Box regression moves sides no farther, by the size of the box (chosen by hand)."""
 

@@ -33,9 +33,9 @@ class Midpoints(NamedTuple):
 def pair_midpoint(previous: Floats, current: Floats, rotation: Floats, centre: Floats) -> Midpoints:
     """Midpoints of the shortest segments between rays (n, 2), as (x/z, y/z), of two images (report eqs. 7.1 to 7.4).
 
-    In the axes of the first camera. rotation (3, 3) and centre (3,): pose of the second camera in the first one's
-    frame. nan where the rays are parallel (q1 x q2 = 0: at the focus of expansion, or without a baseline they meet at
-    the common centre). Raises ValueError where the shapes do not fit.
+    In the axes of the first camera. `rotation` (3, 3) and `centre` (3,): pose of the second camera in them. nan where
+    the rays are parallel (q1 x q2 = 0), as at the focus of expansion. Without a baseline all meet at the common centre.
+    Raises ValueError where the shapes do not fit.
     """
     n, ones = len(previous), np.ones((len(previous), 1))
     first, second = (np.hstack([shaped(rays, (n, 2)), ones]) for rays in (previous, current))

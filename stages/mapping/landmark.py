@@ -67,8 +67,8 @@ def point_covariance(
 
     `rotations` (n, 3, 3), `centres` (n, 3), `point` (3,): in the world; cameras of consecutive frames. `views` (v,):
     frames of the fit. `weight_sigma`, `ray_sigma` (v,): scatter by which they were weighted, and of the rays alone.
-    `steps` (n, 6, 6): covariance of the step from the frame before: rotation vector, rad, then translation, m, in the
-    earlier camera's frame. Row 0 is not used. `best`: the frame in which the point is reported.
+    `steps` (n, 6, 6): covariance of the step from the frame before, in the frame of that camera. A step is a rotation
+    vector, rad, then a translation, m; row 0 is not used. `best`: the frame in which the point is reported.
     """
     local = np.einsum("ni,nij->nj", point - centres[views], rotations[views])
     depth = local[:, 2]

@@ -27,7 +27,7 @@ BOX_SIGMA = (1.0, 0.02)
 DRIFT_RAD = 2.5e-4
 """Scatter of a ray, rad, times the root of the frames to the nearest view: chained motion."""
 FITTED_VIEWS = 8
-"""Nearest views that the point is fitted to: more add nothing (measured)."""
+"""Nearest views that the point is fitted to: more add nothing (measured; the drives are not on record)."""
 LEAST_M, PARALLEL_M = 1.0, 1000.0
 """Depths at which rays meet, m: no panel is nearer, and rays that meet farther are parallel."""
 SIZE_VIEWS = 6
@@ -40,32 +40,38 @@ ROUNDS = 3
 
 @dataclass(frozen=True, slots=True)
 class LandmarkFit:
-    """A landmark fitted to its v views, oldest first.
-
-    `frames`, `rows`, `seen` (v,): position of the frame in the window, number among the followed candidates of that
-    frame, and those candidates, with the columns of `window.FOLLOWED`. `used` (v,): whether the point was fitted to the
-    view. `point` (3,), by the rays alone, and `covariance` (3, 3): in the world. `residual_px`, `depth` (v,): of the
-    point in each view, metres. `metric`, `spread` (2,): width and height, and scatter of both over the views, metres.
-    `weight_sigma`, `ray_sigma` (v,): standard deviation that each view was weighted by, and of its ray alone. `missed`:
-    number of frames that should show it and have no candidate there. `value`: sum over the views. `back`: whether it is
-    followed as the back of a panel.
-    """
+    """A landmark fitted to its v views, oldest first."""
 
     frames: NDArray[np.int64]
+    """Position of the frame of each view in the window, (v,)."""
     rows: NDArray[np.int64]
+    """Number of each view among the followed candidates of its frame, (v,)."""
     seen: NDArray[np.void]
+    """Those candidates, (v,), with the columns of `window.FOLLOWED`."""
     used: NDArray[np.bool_]
+    """Whether the point was fitted to the view, (v,)."""
     point: Array
+    """Position by the rays alone, (3,), world, m."""
     covariance: Array
+    """Of the point, (3, 3), world, m^2."""
     residual_px: Array
+    """Distance of the point from the view, (v,), px."""
     depth: Array
+    """Of the point in each view, (v,), m."""
     metric: Array
+    """Width and height, (2,), m."""
     spread: Array
+    """Scatter of width and height over the views, (2,), m."""
     weight_sigma: Array
+    """Standard deviation by which each view was weighted, (v,), rad."""
     ray_sigma: Array
+    """Standard deviation of the ray of each view alone, (v,), rad."""
     missed: int
+    """Number of frames that should show it and have no candidate there."""
     value: float
+    """Sum over the views, log odds."""
     back: bool
+    """Whether it is followed as the back of a panel."""
 
     @property
     def rms_px(self) -> float:

@@ -42,7 +42,7 @@ STRETCH_SIGMA = 0.003
 BLUR_SIGMA = 0.025
 """Relative scatter of the stretch of a view twice as far as the template, by its blur."""
 COVARIANCE_SCALE = 2.0
-"""Factor on standard deviations of registration, whose residuals do not show moving backgrounds (measured)."""
+"""Factor on standard deviations of registration, whose residuals do not show moving backgrounds (drives unknown)."""
 FARTHEST_OFF_M = 1.0
 """A panel farther from its boxes is refused."""
 USUAL_CAMERA_M = 1.6

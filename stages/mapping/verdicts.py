@@ -27,7 +27,7 @@ VERDICT_OF_TERM = {
 """Verdict on a landmark by the term of evidence that weighs most against it."""
 MOST = 0.5
 """Share of the pixels of a landmark from which on another explains them: a pixel belongs to one face. On nine real and
-six rendered drives it is below 0.41 or above 0.55, but for one pair of landmarks."""
+six development drives it is below 0.41 or above 0.55, but for one pair of landmarks."""
 SWEPT_HALF_WIDTH_M, SWEPT_HEIGHT_M = 1.3, 2.0
 """Half width of what the vehicle sweeps, and its height above the camera, m: size of a vehicle."""
 

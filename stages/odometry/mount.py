@@ -14,7 +14,7 @@ from wayside.stages.odometry.tie_points import GroundPlane
 MOUNT_SIGMA_DEG = 1.5
 """Scatter of the direction of travel while the mount is unknown."""
 TRAVEL_SIGMA_DEG = 0.35, 0.25
-"""Scatter of the direction of travel sideways and up (measured)."""
+"""Scatter of the direction of travel sideways and up (measured; the drives are not on record)."""
 MOUNT_STEPS, MOUNT_MEMORY = 3, 61
 """Steps until the mount counts as known, and those that it is the median of at most."""
 HEIGHT_MEMORY = 300

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from wayside.schemas.models import LinearModel
 from wayside.stages.geometry import cholesky_solve
-from wayside.stages.kernels import Array, compiled, compiled_within
+from wayside.stages.kernels import Array, compiled, compiled_within, require_array, shaped
 from wayside.stages.panel.outline_edges import (
     OFFSET_STEP,
     TRIAL_STEP,
@@ -148,7 +148,12 @@ def fit_face_outline(
 def outline_candidates(
     views: NDArray[np.float32], gradients: Gradients, box: Array
 ) -> tuple[list["Outline"], Array]:
-    """Outlines parallel to the strongest of the best shapes, and `OUTLINE_FEATURES` (n, 11) of each."""
+    """Outlines parallel to the strongest of the best shapes, and `OUTLINE_FEATURES` (n, 11) of each.
+
+    Raises ValueError for other arrays than those of `fit_face_outline` and `gradients_of`.
+    """
+    require_array(gradients, "gradients", np.float32, (None, None, None, 2))
+    box = shaped(box, (4,))
     candidates, step = list[Outline](), OFFSET_STEP
     features = [np.empty((0, len(OUTLINE_FEATURES)))]
     for inner in strongest_outlines(gradients, box):
@@ -298,10 +303,12 @@ def _fit_sides(x: Array, aspect: float, jacobian: Array, offset: Array, weight: 
 def settle_sides(gradients: Gradients, outline: Outline) -> tuple[Array, Array]:
     """Change (4,) of a box for a rim too narrow to have an edge of its own, and variance (4,) of each side, samples^2.
 
-    Such a rim widens the outer flank of the edge. The variance is that of the posterior of the offset of a side, over
-    all edges that it could lie on, with the prior of a side and the information of an edge as in `align_sides`. Edges
-    count by how far the side moves their segments. One clear edge leaves little; two of like strength, their distance.
+    Such a rim widens the outer flank of the edge. The variance is of the posterior of the offset of a side, over all
+    edges that it could lie on. Prior of a side and information of an edge are as in `align_sides`, and edges count by
+    how far the side moves their segments. One clear edge leaves little; two of like strength, their distance. Raises
+    ValueError for other arrays than `gradients_of` returns.
     """
+    require_array(gradients, "gradients", np.float32, (None, None, None, 2))
     segments = segments_of(outline.shape, outline.box, outline.rotation)
     step, near = OFFSET_STEP, round(1 / OFFSET_STEP)
     profiles = edge_profiles(gradients, segments, -FLANK, FLANK + 1, step)

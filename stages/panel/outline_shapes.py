@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wayside.stages.geometry import cholesky_solve
-from wayside.stages.kernels import Array, compiled
+from wayside.stages.kernels import Array, compiled, shaped
 
 ASPECT = {"triangle": 1.155, "triangle_up": 1.155, "pennant": 1.278}
 ASPECT |= dict.fromkeys(("diamond", "octagon", "circle", "pentagon"), 1.0)
@@ -80,7 +80,7 @@ TEMPLATES = {shape: _template(shape) for shape in OUTLINE_SHAPES}
 
 def segments_of(shape: str, box: Array, rotation: float = 0.0) -> Segments:
     """Segments of a shape that fills a box [left, top, right, bottom], rotated about its centre (rad, clockwise)."""
-    return placed(TEMPLATES[shape], np.asarray(box, np.float64), rotation)
+    return placed(TEMPLATES[shape], shaped(box, (4,)), rotation)
 
 
 @compiled

@@ -40,7 +40,7 @@ OUTLINE_DEPTH_RATIO, OUTLINE_VIEWS = 2.3, 3
 
 @dataclass(frozen=True)
 class RegisteredViews:
-    """Rectified views registered to the first of them, the template; `step` metres a sample; `size` as detected."""
+    """Rectified views registered to the first, the template. `step`: metres a sample. `size`: as detected."""
 
     plane: PanelPlane
     step: float

@@ -197,7 +197,7 @@ def _fill_nearest(
 ) -> None:
     """Label and entry (n,) of flat colours (3 n,), by one minimum over 16 centres m at a time.
 
-    16 (|m|^2 - 2 m x) + number of the centre is a whole number below 2^24, as single precision holds them: its four
+    16 (|m|^2 - 2 m x) + number of the centre is a whole number below 2^24, which single precision holds. Its four
     lowest bits are the label, the others the squared distance less |x|^2. Each loop runs in vector registers.
     """
     k, levels = len(centers), np.zeros(3 * _CHUNK, np.float32)

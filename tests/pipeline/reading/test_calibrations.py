@@ -180,7 +180,7 @@ NO_LENS += [(0, 0, 1000.0, 0, 0), (0, 0, 0, -3.0), (0.1, 0, 0, 0, 0, -3.0, 0, 0)
 @pytest.mark.parametrize(
     ("k", "model", "coefficients", "why"),
     [
-        *((K, "", d, "is that of no lens") for d in NO_LENS),
+        *((K, "", d, "fits no lens") for d in NO_LENS),
         *(
             (K, model, d, f"lens model {model} is not supported")
             for model in ("equidistant", "fisheye", "Kannala_Brandt", "omni")

@@ -390,6 +390,15 @@ def test_what_a_log_lacks_is_refused_and_told_with_what_helps(new_log, lack):
     assert not told or "can be used:" not in text
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [{"every": 0}, {"from_s": -1.0}, {"from_s": 5.0, "until_s": 4.0}, {"spacing_m": np.nan}],
+)
+def test_senseless_settings_are_refused_before_anything_is_read(tmp_path, wrong):
+    with pytest.raises(UsageError, match=f"read.{list(wrong)[-1]}"):
+        read(tmp_path / "none.mcap", **wrong)
+
+
 def test_images_are_not_copied_from_protobuf_and_cdr(new_log):
     for dialect in ("protobuf", "cdr"):
         (frame, *_), _ = read(fill(new_log(dialect, name=f"{dialect}.mcap", use_chunking=False)))

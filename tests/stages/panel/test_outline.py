@@ -166,6 +166,14 @@ def test_no_face_has_an_outline_on_an_even_wall():
     assert face is None or face.strength < 0.1
 
 
-def test_views_of_another_type_are_refused():
-    with pytest.raises(ValueError, match="views"):
-        gradients_of(np.zeros((1, 10, 10, 3), np.uint8))
+def test_arrays_of_another_type_or_shape_are_refused():
+    views, box = np.zeros((1, 10, 10, 3), np.float32), np.zeros(4)
+    for wanted, call in (
+        ("views", lambda: gradients_of(views.astype(np.uint8))),
+        ("gradients", lambda: outline_candidates(views, views, box)),
+        ("gradients", lambda: settle_sides(views, Outline("rectangle", box, 0.0, 1.0))),
+        ("shape", lambda: outline_candidates(views, gradients_of(views), box[:3])),
+        ("shape", lambda: segments_of("rectangle", box[:3])),
+    ):
+        with pytest.raises(ValueError, match=wanted):
+            call()
