@@ -14,7 +14,6 @@ import numpy as np
 import pyarrow.parquet as pq
 from common import DRIVES, ROOT, processor_seconds, run_wayside
 from faulty_logs import read_log, write_log
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from wayside.pipeline.evaluation.figures import RenderedEvaluation
@@ -22,6 +21,7 @@ from wayside.pipeline.evaluation.rendered import evaluate_against_truth
 from wayside.pipeline.statistics import Spread, spread
 from wayside.schemas.frame import Camera, Pose
 from wayside.stages.geometry import to_rays
+from wayside.stages.kernels import Array
 
 FOLDER = ROOT / ".cache" / "geometry"
 NAMES, SPACING = ("straight", "curve"), "26.4ft"
@@ -35,7 +35,6 @@ PEER_HEADS = (
     "drive|what|images|rotation, deg|direction, deg|camera, cm|signs|along, cm|lateral, cm"
     "|processor s per image"
 ).split("|")
-Array = NDArray[np.float64]
 
 
 @dataclass

@@ -30,19 +30,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wayside.pipeline import (
-    chains,
-    cli,  # noqa: F401
-    detectors,
-    workers,
-)
+from wayside.pipeline import chains, cli, detectors, workers  # noqa: F401
 from wayside.pipeline.files.settings_file import load_settings
 from wayside.pipeline.models import model_files
 from wayside.pipeline.models.model_json import digest, model_to_json
-from wayside.pipeline.running import (
-    flow,
-    run,  # noqa: F401
-)
+from wayside.pipeline.running import flow, run  # noqa: F401
 from wayside.schemas.detections import Candidates, Detections, Segmentation
 from wayside.schemas.frame import Frame, Image
 from wayside.schemas.landmarks import Landmark, TrackedFrame
@@ -78,11 +70,6 @@ NOTICED = (1, -signal.SIGKILL, -signal.SIGXCPU)
 """Exit statuses of tests that fail or do not come to an end."""
 
 
-def _chained_path(points: list[PathPoint]) -> DrivePath:
-    """The chain of steps as it came, in the axes of the first camera."""
-    return drive_path(points, "drive_start", {point.frame: point.chained for point in points})
-
-
 def _unplaced(landmark: Landmark) -> Sign:
     """The landmark as the first sign, in the axes of its camera."""
     position, covariance = landmark.position, landmark.covariance
@@ -106,7 +93,9 @@ DO_NOTHING: dict[tuple[type, type], Callable[[Any], Any]] = {
 }
 """What a stage from one type to another gives when it decides nothing; from a type to itself: the item."""
 DO_NOTHING_WITH_ALL: dict[tuple[type, type], Callable[[list[Any]], Any]] = {
-    (PathPoint, DrivePath): _chained_path
+    (PathPoint, DrivePath): lambda points: drive_path(
+        points, "drive_start", {point.frame: point.chained for point in points}
+    )
 }
 """The same of a stage that makes one item of all."""
 

@@ -24,6 +24,7 @@ from training.truth import UNION, second_faces
 from wayside.schemas.detections import NONE
 from wayside.stages.detection import ODDS, STRIDE, DetectionNetwork, Part, boxes_of_maps
 from wayside.stages.geometry import iou_matrix
+from wayside.stages.kernels import Array, Bytes, Flags, Floats, Numbers
 
 PROPOSED, LEAST_SCORE, SAME_IOU = 14, -6.0, 0.6
 """Boxes of the detection network in a crop, its best; least log odds; overlap above which the lower is left out."""
@@ -62,20 +63,17 @@ class BoxTargets:
     nan where none is near. `color`, `shape` (n,) int64 or `NONE`.
     """
 
-    box: NDArray[np.float32]
-    size: NDArray[np.float32]
-    panel: NDArray[np.float32]
-    weight: NDArray[np.float32]
-    offset: NDArray[np.float32]
-    color: NDArray[np.int64]
-    shape: NDArray[np.int64]
+    box: Floats
+    size: Floats
+    panel: Floats
+    weight: Floats
+    offset: Floats
+    color: Numbers
+    shape: Numbers
 
 
 def boxes_of_crop(
-    crop: LabelledImage,
-    doubt: NDArray[np.uint8],
-    network: DetectionNetwork,
-    rng: np.random.Generator,
+    crop: LabelledImage, doubt: Bytes, network: DetectionNetwork, rng: np.random.Generator
 ) -> BoxTargets:
     """Boxes of a crop; doubt: what is known of each of its cells, as in `Crop`."""
     maps = network.maps(crop.rgb)
@@ -102,9 +100,7 @@ def boxes_of_crop(
     return _targets(box, crop, shown, weight)
 
 
-def laid_around(
-    box: NDArray[np.float32], each: int, rng: np.random.Generator
-) -> NDArray[np.float64]:
+def laid_around(box: Floats, each: int, rng: np.random.Generator) -> Array:
     """So many boxes around each of these (n, 4), some nearly the same, some far off: (n * each, 4)."""
     box = np.repeat(box, each, axis=0)
     size, middle = box[:, 2:] - box[:, :2], (box[:, :2] + box[:, 2:]) / 2
@@ -115,18 +111,16 @@ def laid_around(
 
 def _log_uniform(
     limits: tuple[float, float], shape: tuple[int, int], rng: np.random.Generator
-) -> NDArray[np.float64]:
+) -> Array:
     low, high = limits
     return np.exp(rng.uniform(np.log(low), np.log(high), shape))
 
 
-def _boxes(
-    middle: NDArray[np.floating[Any]], size: NDArray[np.floating[Any]]
-) -> NDArray[np.float64]:
+def _boxes(middle: NDArray[np.floating[Any]], size: NDArray[np.floating[Any]]) -> Array:
     return np.concatenate([middle - size / 2, middle + size / 2], axis=1)
 
 
-def negative_weights(doubt: NDArray[np.uint8], seen: NDArray[np.float32]) -> NDArray[np.float32]:
+def negative_weights(doubt: Bytes, seen: Floats) -> Floats:
     """Weights (n, 2) of boxes off all faces, by what is known there and the log odds of the detection network."""
     below, above = UNSURE_WEIGHTS
     unsure = np.where(seen < np.log(DOUBTED / (1 - DOUBTED)), below, above)
@@ -134,12 +128,7 @@ def negative_weights(doubt: NDArray[np.uint8], seen: NDArray[np.float32]) -> NDA
     return known.astype(np.float32)
 
 
-def _targets(
-    box: NDArray[np.float32],
-    crop: LabelledImage,
-    shown: NDArray[np.bool_],
-    weight: NDArray[np.float32],
-) -> BoxTargets:
+def _targets(box: Floats, crop: LabelledImage, shown: Flags, weight: Floats) -> BoxTargets:
     n = len(box)
     size = box[:, 2:] - box[:, :2]
     panel, offset = np.zeros((n, 2), np.float32), np.full((n, 4), np.nan, np.float32)

@@ -29,6 +29,7 @@ from wayside.schemas.errors import InputError
 from wayside.schemas.models import NetworkSum, ScoreModel
 from wayside.stages.detection import SAME_FACE_IOU
 from wayside.stages.geometry import non_maximum_suppression
+from wayside.stages.kernels import Array, Flags, Floats, Numbers
 
 THREADS = 2
 """How many drives are read at a time."""
@@ -53,8 +54,8 @@ class ScoredBoxes:
     `box`: (n, 4). `score` (n, 2) by box and detection network, of backs (n, 1). `label`, `overlap` (n,) with a panel.
     """
 
-    box: NDArray[np.float32]
-    score: NDArray[np.float32]
+    box: Floats
+    score: Floats
     label: NDArray[np.int8]
     overlap: NDArray[np.floating]
 
@@ -85,9 +86,7 @@ def learn_network_sum(
 
 
 def rule_threshold(
-    drives: Sequence[Sequence[ScoredBoxes]],
-    weights: NDArray[np.float64],
-    accepted: float,
+    drives: Sequence[Sequence[ScoredBoxes]], weights: Array, accepted: float
 ) -> tuple[float, Interval | None]:
     """The weighted score from which `accepted` boxes an image are on no panel, after suppression.
 
@@ -102,7 +101,7 @@ def rule_threshold(
     falling = np.argsort(-np.concatenate(false), kind="stable")
     scores, drive_of = np.concatenate(false)[falling], drive_of[falling]
 
-    def at(times: NDArray[np.int64]) -> float:
+    def at(times: Numbers) -> float:
         """The threshold with each drive counted as often as given: between the last that passes and the next."""
         allowed = round(accepted * int(images @ times))
         row = int(np.searchsorted(np.cumsum(times[drive_of]), allowed, side="right"))
@@ -179,9 +178,7 @@ def learn(drives: Path, out: Path) -> None:
     truth.write_model(out / "back.json", back)
 
 
-def platt(
-    scores: NDArray[np.floating[Any]], positive: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], float]:
+def platt(scores: NDArray[np.floating[Any]], positive: Flags) -> tuple[Array, float]:
     """Slopes (k,) and shift that make one log odds of k scores (n, k), by Platt's softened targets."""
     count, rest = positive.sum(), (~positive).sum()
     target = np.where(positive, (count + 1) / (count + 2), 1 / (rest + 2))

@@ -16,6 +16,7 @@ from training.face_compositing import draw_faces
 from training.face_drawings import FaceLibrary
 from wayside.schemas.detections import NONE
 from wayside.stages.detection import STRIDE
+from wayside.stages.kernels import Bytes, Flags, Floats, Numbers
 
 CROP_PX = 256
 """Side of a crop."""
@@ -61,14 +62,14 @@ class Crop:
     float32, 1 a face. `color`, `shape` (n,) int64 or `NONE`.
     """
 
-    rgb: NDArray[np.uint8]
+    rgb: Bytes
     heat: NDArray[np.float16]
-    doubt: NDArray[np.uint8]
+    doubt: Bytes
     cell: NDArray[np.int32]
-    box: NDArray[np.float32]
-    weight: NDArray[np.float32]
-    color: NDArray[np.int64]
-    shape: NDArray[np.int64]
+    box: Floats
+    weight: Floats
+    color: Numbers
+    shape: Numbers
 
 
 def drawn_crop(
@@ -146,12 +147,12 @@ def _cut(image: LabelledImage, rng: np.random.Generator) -> LabelledImage:
     return replace(image, rgb=pixels, box=box, ignored=ignored, other=other)
 
 
-def _mirrored(box: NDArray[np.float32]) -> NDArray[np.float32]:
+def _mirrored(box: Floats) -> Floats:
     left, right = CROP_PX - box[:, 2], CROP_PX - box[:, 0]
     return np.stack([left, box[:, 1], right, box[:, 3]], 1)
 
 
-def shown_faces(crop: LabelledImage) -> NDArray[np.bool_]:
+def shown_faces(crop: LabelledImage) -> Flags:
     """Which faces (n,) of a crop are positives: the others are too small in it, or for the greater part outside."""
     inside = np.clip(crop.box, 0, CROP_PX)
     wide, tall = (inside[:, 2:] - inside[:, :2]).T
@@ -201,9 +202,7 @@ def targets(image: LabelledImage) -> Crop:
     return crop
 
 
-def _peak(
-    heat: NDArray[np.float32], box: NDArray[np.float32], row: int, side: int
-) -> list[tuple[int, int, float]]:
+def _peak(heat: Floats, box: Floats, row: int, side: int) -> list[tuple[int, int, float]]:
     """Raise the heat around the middle of a face, in place; cells that are regressed, the face's row, their weights."""
     cells = heat.shape[0]
     middle = np.clip((box[:2] + box[2:]) / 2 / STRIDE - 0.5, 0, cells - 1)

@@ -8,13 +8,13 @@ from math import ceil, floor
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from recordings.drives.signs.face import COLORS
 from training import face_compositing
 from training.detector_images import FRONT
 from training.face_drawings import BOARD_WEIGHTS, FaceDrawing, some_words
 from wayside.schemas.detections import NONE
+from wayside.stages.kernels import Bytes, Floats
 
 HEIGHTS_PX = (8.0, 110.0)
 """Heights, log-uniform."""
@@ -40,17 +40,13 @@ SLANTED = (cv2.FONT_HERSHEY_SCRIPT_SIMPLEX, cv2.FONT_HERSHEY_SCRIPT_COMPLEX)
 PICTURE_PX = 24
 """Side of the part of the image that the picture on an advertisement is."""
 
-Pixels = NDArray[np.uint8]
-Draw = Callable[[Pixels, Pixels, np.random.Generator], None]
+Draw = Callable[[Bytes, Bytes, np.random.Generator], None]
 """Draws onto a board (h, w, 3), which shows some other part of the image, and its alpha (h, w), 255 all over, in
 place."""
 
 
 def draw_distractor(
-    rgb: Pixels,
-    taken: NDArray[np.float32],
-    noise: NDArray[np.float32],
-    rng: np.random.Generator,
+    rgb: Bytes, taken: Floats, noise: Floats, rng: np.random.Generator
 ) -> face_compositing.Box | None:
     """One of them somewhere, in place; its box, None where it is not drawn: it would lie on the boxes `taken` (n, 4).
 
@@ -83,9 +79,7 @@ def draw_distractor(
     return face_compositing.blend(rgb, patch, left, top)
 
 
-def _beside(
-    neighbour: NDArray[np.float32], size: tuple[int, int], rng: np.random.Generator
-) -> tuple[int, int]:
+def _beside(neighbour: Floats, size: tuple[int, int], rng: np.random.Generator) -> tuple[int, int]:
     """Left and top of a patch of a size (rows, columns) that touches a box, or nearly, below, above or at a side."""
     left, top, right, bottom = neighbour.tolist()
     high, wide = size
@@ -97,7 +91,7 @@ def _beside(
     return floor(x) if x < left else ceil(x), floor(y) if y < top else ceil(y)
 
 
-def _signal(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> None:
+def _signal(board: Bytes, alpha: Bytes, rng: np.random.Generator) -> None:
     """Three lamps in a housing, vertical or horizontal, with or without a backplate; the lit one may be too bright."""
     paint = np.array(HOUSINGS[int(rng.integers(len(HOUSINGS)))]) * rng.uniform(0.6, 1.2)
     high, wide = alpha.shape
@@ -130,7 +124,7 @@ def _signal(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> None:
     housing[:] = drawn
 
 
-def _cone(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> None:
+def _cone(board: Bytes, alpha: Bytes, rng: np.random.Generator) -> None:
     high, wide = alpha.shape
     board[:] = COLORS["orange"]
     at, half = round(high * 0.5), max(1, round(high * 0.05))
@@ -139,12 +133,12 @@ def _cone(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> None:
     cv2.fillPoly(alpha, [np.array([(wide // 2, 0), (wide, high), (0, high)])], 255, cv2.LINE_AA)
 
 
-def _lamp(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> None:
+def _lamp(board: Bytes, alpha: Bytes, rng: np.random.Generator) -> None:
     board[:] = LAMPS[int(rng.integers(len(LAMPS)))]
     _ellipse(alpha)
 
 
-def _panel(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> None:
+def _panel(board: Bytes, alpha: Bytes, rng: np.random.Generator) -> None:
     """A plain surface: wall, lorry, hoarding, container."""
     color = rng.uniform(15, 240, 3) if rng.random() < 0.6 else np.repeat(rng.uniform(20, 240), 3)
     board[:] = color
@@ -152,7 +146,7 @@ def _panel(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> None:
         board[round(len(board) * rng.uniform(0.3, 0.8)) :] = color * rng.uniform(0.4, 0.9)
 
 
-def _windows(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> None:
+def _windows(board: Bytes, alpha: Bytes, rng: np.random.Generator) -> None:
     """A row of panes, dark by day or lit by night."""
     high, wide = alpha.shape
     count, gap = int(rng.integers(1, 5)), rng.uniform(0.1, 0.35)
@@ -169,7 +163,7 @@ def _windows(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> None:
         alpha[inset : high - inset, columns] = 255
 
 
-def _lettering(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> None:
+def _lettering(board: Bytes, alpha: Bytes, rng: np.random.Generator) -> None:
     """Words on whatever is there: shop fronts, lorries, road markings."""
     board[:] = COLORS[str(rng.choice(list(BOARD_WEIGHTS)))]
     text, high = some_words(rng), len(board)
@@ -178,7 +172,7 @@ def _lettering(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> None:
     alpha[:] = ink[..., 0]
 
 
-def _advertisement(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> None:
+def _advertisement(board: Bytes, alpha: Bytes, rng: np.random.Generator) -> None:
     """A board or disc with the picture that is there or colours, and words in the typefaces of advertisements."""
     high = len(board)
     ground = rng.uniform(10, 245, 3) if rng.random() < 0.6 else np.repeat(rng.uniform(10, 245), 3)
@@ -201,7 +195,7 @@ def _advertisement(board: Pixels, alpha: Pixels, rng: np.random.Generator) -> No
 
 
 def _lettered(
-    pixels: Pixels,
+    pixels: Bytes,
     text: str,
     middle: float,
     tall: float,
@@ -220,7 +214,7 @@ def _lettered(
     pixels[:] = drawn
 
 
-def _ellipse(alpha: Pixels) -> None:
+def _ellipse(alpha: Bytes) -> None:
     """Nothing but the ellipse that fills the board."""
     half = alpha.shape[1] // 2, alpha.shape[0] // 2
     alpha[:] = 0

@@ -31,6 +31,7 @@ from training.networks import write_onnx
 from training.truth import OUT, REAL, SEED, command, images
 from wayside.schemas.detections import NONE
 from wayside.stages import sign_codes
+from wayside.stages.kernels import Array, Bytes
 
 FILTERS, HIDDEN = (16, 32, 64), 64
 """Filters of each layer, whose output is halved each way; units behind them."""
@@ -69,14 +70,14 @@ class FaceNetwork(nn.Module):  # type: ignore[misc]
         return self.out(self.hidden(self.layers(samples).flatten(1)))
 
     @torch.no_grad()  # type: ignore[untyped-decorator]
-    def log_probabilities(self, patches: NDArray[np.uint8]) -> NDArray[np.float64]:
+    def log_probabilities(self, patches: Bytes) -> Array:
         """Log probability (n, classes) of each class for patches (n, 32, 32, 3)."""
         self.eval()
         scores = self(torch.from_numpy(sign_codes.face_samples(patches)))
         return np.asarray(torch.log_softmax(scores.double(), dim=1).numpy(), np.float64)
 
 
-def fit(patches: NDArray[np.uint8], names: NDArray[np.str_], seed: int) -> FaceNetwork:
+def fit(patches: Bytes, names: NDArray[np.str_], seed: int) -> FaceNetwork:
     """Fit the network to patches (n, 32, 32, 3) in colour and grey, and their classes (n,), drawn alike but `other`."""
     torch.manual_seed(seed)
     classes, target = np.unique(names, return_inverse=True)
@@ -107,7 +108,7 @@ def fit(patches: NDArray[np.uint8], names: NDArray[np.str_], seed: int) -> FaceN
     return network
 
 
-def in_grey(patches: NDArray[np.uint8], random: np.random.Generator) -> NDArray[np.uint8]:
+def in_grey(patches: Bytes, random: np.random.Generator) -> Bytes:
     """Patches (n, h, w, 3) as grey sensors of any response see them: three equal channels."""
     response = random.dirichlet(RESPONSE, len(patches))
     grey = np.rint(np.einsum("nhwc,nc->nhw", patches, response)).astype(np.uint8)
@@ -115,9 +116,7 @@ def in_grey(patches: NDArray[np.uint8], random: np.random.Generator) -> NDArray[
 
 
 @torch.no_grad()  # type: ignore[untyped-decorator]
-def at_temperature(
-    network: FaceNetwork, patches: NDArray[np.uint8], truth: NDArray[np.str_]
-) -> None:
+def at_temperature(network: FaceNetwork, patches: Bytes, truth: NDArray[np.str_]) -> None:
     """Divide its scores by the temperature of the best likelihood (Guo et al. 2017)."""
     column = [network.classes.index(name) for name in truth]
     scores = network.log_probabilities(patches)
@@ -159,7 +158,7 @@ HEIGHTS_PX = (11.0, 80.0)
 BOX_SIGMA, BOX_SIGMA_PX = 0.025, 0.5
 """Scatter of the sides of a face's box: as a fraction of its size, and in pixels."""
 
-Patches = tuple[NDArray[np.uint8], NDArray[np.str_]]
+Patches = tuple[Bytes, NDArray[np.str_]]
 
 
 def learn_face_codes(real: Path, seed: int, out: Path) -> None:
@@ -186,12 +185,12 @@ def learn_face_codes(real: Path, seed: int, out: Path) -> None:
 
 def drawn_patches(
     drawn: Sequence[FaceExample],
-    backgrounds: Sequence[NDArray[np.uint8]],
+    backgrounds: Sequence[Bytes],
     noise: Noise,
     rng: np.random.Generator,
 ) -> Patches:
     """`DRAWN` patches of each class of drawings, `DRAWN_OTHER` of all others, some of them invented boards."""
-    by_name: dict[str, list[NDArray[np.uint8]]] = {}
+    by_name: dict[str, list[Bytes]] = {}
     for one in drawn:
         by_name.setdefault(one.name, []).append(_shrunk(one.pixels))
     patches, names = [], []
@@ -226,11 +225,8 @@ def cropped_patches(
 
 
 def _drawn(
-    face: FaceDrawing,
-    backgrounds: Sequence[NDArray[np.uint8]],
-    noise: Noise,
-    rng: np.random.Generator,
-) -> NDArray[np.uint8]:
+    face: FaceDrawing, backgrounds: Sequence[Bytes], noise: Noise, rng: np.random.Generator
+) -> Bytes:
     """A patch of a drawing in a real background, through another camera."""
     height = float(np.exp(rng.uniform(*np.log(HEIGHTS_PX))))
     patch = seen_from_an_angle(face, height, rng)
@@ -247,7 +243,7 @@ def _drawn(
     return sign_codes.face_patch(seen, _moved(np.array(drawn or box), rng))
 
 
-def _shrunk(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _shrunk(rgba: Bytes) -> Bytes:
     """A drawing no larger than faces are drawn, its colours weighted by their opacity."""
     scale = HEIGHTS_PX[1] / max(rgba.shape[:2])
     weighted = rgba.astype(np.float32)
@@ -259,13 +255,13 @@ def _shrunk(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.clip(np.rint(small), 0, 255).astype(np.uint8)
 
 
-def _moved(box: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+def _moved(box: Array, rng: np.random.Generator) -> Array:
     """A box whose sides are as far off as those of measured boxes."""
     size = np.tile(box[2:] - box[:2], 2)
     return np.asarray(box + rng.normal(0, 1, 4) * (BOX_SIGMA * size + BOX_SIGMA_PX))
 
 
-def _backgrounds(real: Path) -> list[NDArray[np.uint8]]:
+def _backgrounds(real: Path) -> list[Bytes]:
     """Every eighth image of the drives that drawings are put before."""
     return [rgb for name in BACKGROUNDS for _, rgb in images(real / f"{name}.mcap", 8)]
 

@@ -5,12 +5,12 @@ Each is seen from an angle, faded, dirty, shaded and as bright as its surroundin
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from training.camera_effects import piece
 from training.detector_images import FRONT
 from training.face_drawings import KINDS, FaceDrawing, FaceLibrary, chosen_face
 from wayside.schemas.detections import NONE
+from wayside.stages.kernels import Bytes, Floats
 
 HEIGHTS_PX = (7.0, 160.0)
 """Heights of drawn faces, log-uniform."""
@@ -32,10 +32,10 @@ Box = tuple[float, float, float, float]
 
 
 def draw_faces(
-    rgb: NDArray[np.uint8],
-    taken: NDArray[np.float32],
+    rgb: Bytes,
+    taken: Floats,
     library: FaceLibrary,
-    noise: NDArray[np.float32],
+    noise: Floats,
     rng: np.random.Generator,
     wanted: int,
 ) -> list[tuple[Box, FaceDrawing]]:
@@ -53,11 +53,11 @@ def draw_faces(
 
 
 def _draw_assembly(
-    rgb: NDArray[np.uint8],
+    rgb: Bytes,
     at: tuple[float, float],
     boxes: list[tuple[float, ...]],
     library: FaceLibrary,
-    noise: NDArray[np.float32],
+    noise: Floats,
     rng: np.random.Generator,
 ) -> list[tuple[Box, FaceDrawing]]:
     """Draw a post with one face or more, in place, until one would lie on `boxes`; it adds its own to them.
@@ -121,9 +121,7 @@ def overlaps(box: tuple[float, ...], others: list[tuple[float, ...]]) -> bool:
     )
 
 
-def seen_from_an_angle(
-    drawing: FaceDrawing, height_px: float, rng: np.random.Generator
-) -> NDArray[np.float32]:
+def seen_from_an_angle(drawing: FaceDrawing, height_px: float, rng: np.random.Generator) -> Floats:
     """A face from an angle, so many pixels high; (h, w, 4) float32, colours multiplied by alpha, 0 to 1."""
     source = drawing.rgba
     rows, columns = source.shape[:2]
@@ -153,7 +151,7 @@ def seen_from_an_angle(
     )
 
 
-def _premultiplied(rgba: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.float32]:
+def _premultiplied(rgba: Bytes, size: tuple[int, int]) -> Floats:
     values = rgba.astype(np.float32) * np.float32(1 / 255)
     values[..., :3] *= values[..., 3:]
     if size != (rgba.shape[1], rgba.shape[0]):
@@ -167,12 +165,12 @@ def random_brightness(rng: np.random.Generator) -> float:
 
 
 def wear(
-    patch: NDArray[np.float32],
+    patch: Floats,
     side: int,
     light: float,
-    rgb: NDArray[np.uint8],
+    rgb: Bytes,
     box: Box,
-    noise: NDArray[np.float32],
+    noise: Floats,
     rng: np.random.Generator,
 ) -> None:
     """Fade, dirt, shade, brightness (`light` times that of the surroundings), blur of what is too bright, in place."""
@@ -201,7 +199,7 @@ def wear(
         patch[:] = cv2.GaussianBlur(patch, (0, 0), rng.uniform(*LENS_PX))
 
 
-def blend(rgb: NDArray[np.uint8], patch: NDArray[np.float32], x: int, y: int) -> Box | None:
+def blend(rgb: Bytes, patch: Floats, x: int, y: int) -> Box | None:
     """Put a patch at (x, y), in place; the box of what is opaque, None where less than half of it is in the image."""
     height, width = rgb.shape[:2]
     solid = patch[..., 3] > 0.5
@@ -220,7 +218,7 @@ def blend(rgb: NDArray[np.uint8], patch: NDArray[np.float32], x: int, y: int) ->
 
 
 def _draw_post(
-    rgb: NDArray[np.uint8],
+    rgb: Bytes,
     box: Box,
     top: float,
     others: list[tuple[float, ...]],

@@ -9,7 +9,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from recordings.drives.signs.face import COLORS as SHEETING
 from recordings.drives.signs.face import Face, pick
@@ -19,6 +18,7 @@ from recordings.drives.signs.symbols import SYMBOL_NAMES, draw_symbol
 from training.detector_images import BACK, FRONT
 from wayside.schemas.detections import LEARNED_COLORS as COLORS
 from wayside.schemas.detections import NONE, SHAPES
+from wayside.stages.kernels import Array, Bytes
 
 BOARD_WEIGHTS = {
     "white": 0.17,
@@ -55,7 +55,7 @@ GROUND_SIGMA = 12.0
 """Scatter of the colours of a board, levels."""
 
 
-def draw_board(color: str, rng: np.random.Generator) -> NDArray[np.uint8]:
+def draw_board(color: str, rng: np.random.Generator) -> Bytes:
     """A board (h, w, 4), RGBA, whose ground has a colour of `BOARD_WEIGHTS`."""
     aspect = float(np.exp(rng.uniform(*np.log(ASPECTS))))
     width = LONGEST_M if aspect >= 1 else max(0.2, LONGEST_M * aspect)
@@ -153,7 +153,7 @@ KINDS = (("vector", 0.53), ("cut", 0.15), ("board", 0.18), ("crossbuck", 0.03), 
 class FaceDrawing:
     """A face as pixels (h, w, 4) uint8 RGBA with its classes, `NONE` where they are none of ours, and the side seen."""
 
-    rgba: NDArray[np.uint8]
+    rgba: Bytes
     color: int
     shape: int
     side: int = FRONT
@@ -168,21 +168,21 @@ class FaceLibrary:
 
     vector: tuple[FaceDrawing, ...]
     cut: tuple[FaceDrawing, ...]
-    vector_share: NDArray[np.float64] = field(init=False)
-    cut_share: NDArray[np.float64] = field(init=False)
+    vector_share: Array = field(init=False)
+    cut_share: Array = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "vector_share", _shares(self.vector))
         object.__setattr__(self, "cut_share", _shares(self.cut))
 
 
-def _shares(faces: Sequence[FaceDrawing]) -> NDArray[np.float64]:
+def _shares(faces: Sequence[FaceDrawing]) -> Array:
     count = Counter((face.color, face.shape) for face in faces)
     share = np.array([count[face.color, face.shape] ** -0.5 for face in faces])
     return np.asarray(share / share.sum() if len(share) else share, np.float64)
 
 
-def vector_faces(real: Path) -> Iterator[tuple[dict[str, Any], NDArray[np.uint8]]]:
+def vector_faces(real: Path) -> Iterator[tuple[dict[str, Any], Bytes]]:
     """The vector faces of a folder of real data: the entry of each, and its pixels (h, w, 4), RGBA."""
     for entry in json.loads((real / "faces" / "index.json").read_text(encoding="utf-8")):
         bgra = cv2.imread(str(real / "faces" / entry["png"]), cv2.IMREAD_UNCHANGED)
@@ -192,7 +192,7 @@ def vector_faces(real: Path) -> Iterator[tuple[dict[str, Any], NDArray[np.uint8]
 
 def face_crops(
     real: Path,
-) -> Iterator[tuple[dict[str, Any], NDArray[np.uint8], NDArray[np.float64]]]:
+) -> Iterator[tuple[dict[str, Any], Bytes, Array]]:
     """The crops of GTSRB in a folder of real data: the entry of each, pixels (h, w, 3), and box of the face."""
     for entry in json.loads((real / "crops_gtsrb" / "crops.json").read_text(encoding="utf-8")):
         rgb = cv2.imread(str(real / "crops_gtsrb" / entry["file"]), cv2.IMREAD_COLOR_RGB)
@@ -211,7 +211,7 @@ def read_face_library(real: Path) -> FaceLibrary:
     )
 
 
-def _classed(rgba: NDArray[np.uint8], entry: dict[str, Any]) -> FaceDrawing:
+def _classed(rgba: Bytes, entry: dict[str, Any]) -> FaceDrawing:
     color, shape = (
         names.index(entry[key]) if entry[key] in names else NONE
         for key, names in (("color", COLORS), ("shape", SHAPES))
@@ -219,9 +219,7 @@ def _classed(rgba: NDArray[np.uint8], entry: dict[str, Any]) -> FaceDrawing:
     return FaceDrawing(rgba, color, shape)
 
 
-def _cut_out(
-    entry: dict[str, Any], rgb: NDArray[np.uint8], box: NDArray[np.float64]
-) -> FaceDrawing:
+def _cut_out(entry: dict[str, Any], rgb: Bytes, box: Array) -> FaceDrawing:
     """A crop of GTSRB without its margin, masked by the outline of its shape."""
     upward = entry["shape"] == "triangle" and entry["class"] != GIVE_WAY
     shape = "triangle_up" if upward else entry["shape"]
@@ -267,7 +265,7 @@ def _recolored(face: FaceDrawing, rng: np.random.Generator) -> FaceDrawing:
     return FaceDrawing(rgba, COLORS.index(name), face.shape)
 
 
-def _relit(rgba: NDArray[np.uint8], rng: np.random.Generator) -> NDArray[np.uint8]:
+def _relit(rgba: Bytes, rng: np.random.Generator) -> Bytes:
     """A cut-out face brought to a brightness in the middle: many are dark."""
     bright = float(np.percentile(rgba[..., :3].max(axis=2), 90))
     gain = np.clip(200 / max(bright, 20), 0.8, 4) * rng.uniform(0.7, 1.1)

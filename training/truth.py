@@ -26,6 +26,7 @@ from wayside.schemas.models import Model
 from wayside.schemas.settings import ReadSettings
 from wayside.stages.geometry import intersection_areas, iou_matrix
 from wayside.stages.imaging import decode
+from wayside.stages.kernels import Array, Bytes, Flags
 
 PREFIX = "learn_"
 """Drives of a folder that are learned from bear this at the front of their name; the others are for measuring."""
@@ -124,7 +125,7 @@ def frames_of(log: Path, every: int = 1) -> Iterator[Frame]:
     return (f for f in read_frames(log, LEARN_READ, ReadReport()) if f.index % every == 0)
 
 
-def images(log: Path, every: int = 1) -> Iterator[tuple[Image, NDArray[np.uint8]]]:
+def images(log: Path, every: int = 1) -> Iterator[tuple[Image, Bytes]]:
     """Every n-th image of a log that can be decoded, in order, with its pixels."""
     for image in decode(frames_of(log, every)):
         if image.rgb is not None:
@@ -158,7 +159,7 @@ def views_by_frame(truth: Mapping[str, Any]) -> dict[int, list[View]]:
     return views
 
 
-def sign_positions(truth: Mapping[str, Any]) -> NDArray[np.float64]:
+def sign_positions(truth: Mapping[str, Any]) -> Array:
     """Right of the path and above the camera's path of the signs that face the travel, (n, 2) metres."""
     height = truth["camera"]["mount"]["height_m"]
     rows = [
@@ -169,7 +170,7 @@ def sign_positions(truth: Mapping[str, Any]) -> NDArray[np.float64]:
     return np.array(rows, np.float64).reshape(-1, 2)
 
 
-def box_labels(box: Boxes, views: Sequence[View]) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
+def box_labels(box: Boxes, views: Sequence[View]) -> tuple[NDArray[np.int8], Array]:
     """Label (n,) of each box (n, 4) of an image, and its overlap (n,) with the nearest panel.
 
     A box is `ON` a panel, `OFF` all, or `NEITHER`. Where a tight box is on a panel, a looser one is not an example. A
@@ -195,7 +196,7 @@ def box_labels(box: Boxes, views: Sequence[View]) -> tuple[NDArray[np.int8], NDA
     return label, nearest
 
 
-def second_faces(box: Boxes, faces: Boxes, nearest: NDArray[np.integer]) -> NDArray[np.bool_]:
+def second_faces(box: Boxes, faces: Boxes, nearest: NDArray[np.integer]) -> Flags:
     """Which faces (m, 4) each box (n, 4) shows besides its `nearest` (n,), and that do not lie on that: (n, m)."""
     area = np.prod(faces[:, 2:] - faces[:, :2], axis=1)
     apart = intersection_areas(faces, faces) < APART * np.minimum(area[:, None], area[None])
@@ -211,9 +212,7 @@ class KnownPanels:
     """
 
     views: Mapping[int, Sequence[View]]
-    poses: Mapping[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = field(
-        default_factory=dict
-    )
+    poses: Mapping[int, tuple[Array, Array]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, truth: Mapping[str, Any]) -> Self:

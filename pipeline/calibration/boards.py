@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from wayside.pipeline.files.input_files import read_input
 from wayside.pipeline.reading.calibrations import OTHER_LENSES
@@ -27,7 +26,7 @@ from wayside.stages.calibration import (
     format_residuals,
 )
 from wayside.stages.geometry import distort_points, ideal_points
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, Bytes, Numbers
 
 _AS_STORED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
 """Images that Exif turns are refused before this makes a difference."""
@@ -183,7 +182,7 @@ class Coverage(NamedTuple):
     `reach`: distance of the outermost corner from the principal point, over that of the farthest corner of the image.
     """
 
-    counts: NDArray[np.int64]
+    counts: Numbers
     reach: float
 
     @property
@@ -211,7 +210,7 @@ def _image_corners(camera: Camera) -> Array:
     return np.array([[0.0, 0.0], [right, 0.0], [right, bottom], [0.0, bottom]])
 
 
-def draw_coverage(found: CalibratedImages) -> NDArray[np.uint8]:
+def draw_coverage(found: CalibratedImages) -> Bytes:
     """BGR picture: corners of all views on the image plane, coloured by residual, and cells without corners.
 
     Blue is a residual of zero, red one of three times the RMS or more; grey corners are of views left out. Cells

@@ -11,7 +11,6 @@ from wayside.pipeline.files.visible_text import counted
 from wayside.pipeline.fitting.models import FittedConfidence, FittedModel, Task
 from wayside.pipeline.fitting.samples import Gathered, LabelledDrive
 from wayside.pipeline.learning import page
-from wayside.pipeline.learning.curves import RocCurve
 from wayside.pipeline.learning.fits import ClassScore, Rates
 from wayside.pipeline.models.model_files import OWN_COLORS, REPORT_LOCATION
 from wayside.pipeline.pages import render_page
@@ -150,7 +149,8 @@ def _class_table(fitted: FittedModel) -> tuple[str, Table]:
     rows: list[Sequence[str]] = [("class", "signs", "views", "right name", "area")]
     for score in fitted.held.classes:
         value, *ends = score.named
-        shares = _with_ends(value, ends), _area(score.curve)
+        curve, shares = score.curve, [_with_ends(value, ends)]
+        shares.append("-" if curve is None else _with_ends(curve.area, curve.bands.area))
         rows.append((score.name, str(score.signs), str(score.views), *shares))
     for name in fitted.kept:
         cells = str(fitted.lacking.get(name, 0)), "", "too few signs: shipped class kept", ""
@@ -175,10 +175,6 @@ def _by_drive(drives: Sequence[LabelledDrive]) -> bool:
 
 def _stretches(drives: Sequence[LabelledDrive]) -> int:
     return len({stretch for drive in drives for stretch in drive.stretch.values()})
-
-
-def _area(curve: RocCurve | None) -> str:
-    return "-" if curve is None else _with_ends(curve.area, curve.bands.area)
 
 
 def _with_ends(value: float, ends: Interval | Sequence[float] | None) -> str:

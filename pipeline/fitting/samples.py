@@ -27,6 +27,7 @@ from wayside.schemas.settings import ReadSettings, Settings
 from wayside.stages.classifiers import nearest_class
 from wayside.stages.geometry import iou_matrix
 from wayside.stages.imaging import decode
+from wayside.stages.kernels import Array, Numbers
 from wayside.stages.report import color_features, fourier_descriptors, outlines_of
 from wayside.stages.segmentation import segment
 
@@ -69,7 +70,7 @@ class LabelledDrive:
         frames = read_frames(self.path, _every_image(settings), ReadReport())
         yield from decode(frame for frame in frames if frame.index in self.stretch and frame.used)
 
-    def stretch_of(self, frames: NDArray[np.int64], sign: NDArray[np.int64]) -> NDArray[np.int64]:
+    def stretch_of(self, frames: Numbers, sign: Numbers) -> Numbers:
         """Stretch (n,) of samples in `frames` (n,): that in which most labels of their sign (n,) are, if it is one.
 
         Frames between labelled ones belong to the nearest of these.
@@ -275,17 +276,13 @@ def by_side(samples: Samples) -> Samples:
     return replace(samples, kind=np.where(samples.kind == "", "", side))
 
 
-def spread(rows: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+def spread(rows: Numbers, most: int) -> Numbers:
     """At most so many of the rows, evenly spread among them."""
     return rows if len(rows) <= most else rows[np.arange(most) * len(rows) // most]
 
 
 def _samples(
-    drive: LabelledDrive,
-    frames: NDArray[np.int64],
-    values: NDArray[np.float64],
-    kind: NDArray[np.str_],
-    sign: NDArray[np.int64],
+    drive: LabelledDrive, frames: Numbers, values: Array, kind: NDArray[np.str_], sign: Numbers
 ) -> Samples:
     stretch = drive.stretch_of(frames, sign)
     fold = stretch if drive.fold is None else np.full_like(stretch, drive.fold)

@@ -19,6 +19,7 @@ from wayside.pipeline.statistics import TAILS, Interval, resamplings
 from wayside.schemas.models import EvidenceModel
 from wayside.schemas.settings import Settings
 from wayside.stages.classifiers import log_ratios
+from wayside.stages.kernels import Array, Flags, Numbers
 
 STRETCH_FRAMES = 10
 """Frames of a stretch of a drive that is resampled where there is no second drive."""
@@ -29,8 +30,8 @@ ALL = "all"
 class Bands(NamedTuple):
     """95 % bands of both rates (k, 2), and intervals of the area and of the threshold at the knee; None if unknown."""
 
-    tpr: NDArray[np.float64] | None = None
-    fpr: NDArray[np.float64] | None = None
+    tpr: Array | None = None
+    fpr: Array | None = None
     area: Interval | None = None
     knee: Interval | None = None
 
@@ -47,10 +48,10 @@ class RocCurve:
     together, a drive or a stretch of one (`resampled`). `used`: threshold of the run, or nan. `unit`: of the values.
     """
 
-    value: NDArray[np.float64]
-    on: NDArray[np.bool_]
-    count: NDArray[np.int64]
-    group: NDArray[np.int64]
+    value: Array
+    on: Flags
+    count: Numbers
+    group: Numbers
     accept_below: bool
     classifier: str = ""
     name: str = ALL
@@ -59,17 +60,17 @@ class RocCurve:
     resampled: str = ""
 
     @property
-    def likeness(self) -> NDArray[np.float64]:
+    def likeness(self) -> Array:
         """The values (n,) with such a sign that larger ones are more like a sign; -inf where unknown."""
         turned = -self.value if self.accept_below else self.value
         return np.where(np.isfinite(turned), turned, -np.inf)
 
-    def within(self, threshold: float) -> NDArray[np.bool_]:
+    def within(self, threshold: float) -> Flags:
         """Whether each value (n,) is accepted at a threshold."""
         return self.value <= threshold if self.accept_below else self.value >= threshold
 
     @cached_property
-    def threshold(self) -> NDArray[np.float64]:
+    def threshold(self) -> Array:
         """Thresholds (k,) from the strictest, which accepts nothing, to the one that accepts all known values.
 
         Every value of a sign, the next stricter value, and the threshold of the run.
@@ -84,7 +85,7 @@ class RocCurve:
         return -cuts if self.accept_below else cuts
 
     @cached_property
-    def accepted(self) -> NDArray[np.float64]:
+    def accepted(self) -> Array:
         """How many others and signs of each group each threshold accepts, (2, groups, k + 1); the last has all."""
         groups, group = np.unique(self.group, return_inverse=True)
         cuts = self.threshold if self.accept_below else -self.threshold
@@ -109,22 +110,22 @@ class RocCurve:
         return self.positives > 0 and self.negatives > 0
 
     @cached_property
-    def tp(self) -> NDArray[np.int64]:
+    def tp(self) -> Numbers:
         """Signs (k,) that are accepted."""
         return np.asarray(self.accepted[1, :, :-1].sum(axis=0), np.int64)
 
     @cached_property
-    def fp(self) -> NDArray[np.int64]:
+    def fp(self) -> Numbers:
         """Other things (k,) that are accepted."""
         return np.asarray(self.accepted[0, :, :-1].sum(axis=0), np.int64)
 
     @property
-    def tpr(self) -> NDArray[np.float64]:
+    def tpr(self) -> Array:
         """True positive rate (k,), eq. 10.1."""
         return self.tp / self.positives
 
     @property
-    def fpr(self) -> NDArray[np.float64]:
+    def fpr(self) -> Array:
         """False positive rate (k,), eq. 10.2."""
         return self.fp / self.negatives
 
@@ -166,15 +167,13 @@ class RocCurve:
         return Bands(tpr, fpr, area, None if ends is None else Interval(*ends))
 
 
-def area_under(fpr: NDArray[np.float64], tpr: NDArray[np.float64]) -> NDArray[np.float64]:
+def area_under(fpr: Array, tpr: Array) -> Array:
     """Area (...) under curves of rates (..., k) by trapezoids, the last point joined with (1, 1): ties count half."""
     area = np.asarray(np.trapezoid(tpr, fpr, axis=-1))
     return area + (1 - fpr[..., -1]) * (1 + tpr[..., -1]) / 2
 
 
-def resampled_groups(
-    drive: NDArray[np.str_], frame: NDArray[np.int32]
-) -> tuple[NDArray[np.int64], str]:
+def resampled_groups(drive: NDArray[np.str_], frame: NDArray[np.int32]) -> tuple[Numbers, str]:
     """Number of the group (n,) that each sample is resampled with, and what a group is: `drive`, or `stretch`."""
     names, group = np.unique(drive, return_inverse=True)
     if len(names) > 1:
@@ -205,10 +204,10 @@ def _curves_of(
 
     def curve(
         name: str,
-        value: NDArray[np.float64],
+        value: Array,
         threshold: float,
         unit: str,
-        rows: NDArray[np.bool_] = everything,
+        rows: Flags = everything,
         *,
         below: bool = False,
     ) -> RocCurve:

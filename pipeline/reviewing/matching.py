@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from wayside.pipeline.reviewing.entries import (
@@ -28,6 +27,7 @@ from wayside.pipeline.reviewing.known import KnownResult
 from wayside.schemas.errors import InputError
 from wayside.schemas.sign_catalogue import SERIES
 from wayside.stages.geometry import iou_matrix
+from wayside.stages.kernels import Array
 
 _LEAST_IOU = 0.3
 """Of boxes that show the same: less than half of it may be missing, or as much beside it."""
@@ -229,9 +229,7 @@ def _matched(entries: Sequence[Reviewed], known: KnownResult) -> list[Reviewed |
     return found
 
 
-def _by_image(
-    one: Reviewed, by_image: Mapping[str, list[tuple[int, Any]]], rows: int
-) -> NDArray[np.float64]:
+def _by_image(one: Reviewed, by_image: Mapping[str, list[tuple[int, Any]]], rows: int) -> Array:
     """How well each row fits: 1 to 2 where at least half of the images that both have show the same, else 0."""
     shared, alike = np.zeros(rows), np.zeros(rows)
     for image, box in one.views:

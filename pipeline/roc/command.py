@@ -56,8 +56,10 @@ def measure_roc(
     each log. `overwrite`: replace any file of these names; else only an earlier measurement. Raises InputError where a
     log or labels cannot be used or show no sign that was asked about, OutputError where the folder cannot be written.
     """
-    if not overwrite:
-        _check_free(folder)
+    written = CURVES.file, CLASSIFIERS.file, CONFUSION.file, RECORDING_FILE
+    for name in () if overwrite else written:
+        if (folder / name).exists() and not holds_table(folder / CURVES.file, CURVES):
+            raise refuse(folder / name, "a file that is not an earlier measurement")
     every = joined([read_labels(path) for path in labels])
     drives = []
     for log in logs:
@@ -256,10 +258,3 @@ def record_curves(path: Path, drawn: Mapping[str, Sequence[RocCurve]], words: st
             stream.log(f"{entity}/points", marks, static=True)
     stream.flush()
     stream.disconnect()
-
-
-def _check_free(folder: Path) -> None:
-    """Make sure that what is replaced is an earlier measurement."""
-    for name in (CURVES.file, CLASSIFIERS.file, CONFUSION.file, RECORDING_FILE):
-        if (folder / name).exists() and not holds_table(folder / CURVES.file, CURVES):
-            raise refuse(folder / name, "a file that is not an earlier measurement")

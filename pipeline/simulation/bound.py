@@ -1,10 +1,9 @@
 """Cramér-Rao bound of a located point: the smallest covariance of any unbiased estimate from the measurements."""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wayside.stages.geometry import cross_matrices, rotation_from_vector, tangent_basis
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, Numbers
 from wayside.stages.odometry import sampson_px
 
 DIFFERENCE_STEP = 1e-6
@@ -49,7 +48,7 @@ def point_bound(
     rotations: Array,
     centres: Array,
     point: Array,
-    views: NDArray[np.int64],
+    views: Numbers,
     sigma: Array,
     steps: Array,
     best: int,

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from math import inf, radians
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from wayside.schemas.detections import Candidates, Detections, Regions
@@ -17,7 +16,7 @@ from wayside.schemas.frame import USED, Camera, Frame, Image, Pose, PosePrior
 from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import MotionSettings
 from wayside.stages.geometry import ideal_of_rays, rays_of_ideal
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, Flags, Numbers
 from wayside.stages.odometry import (
     KeypointImage,
     MotionPrior,
@@ -106,7 +105,7 @@ class Survey:
 class PanelObservations:
     """Panels in one image: which (k,), and the same number of boxes (k, 4) and centres (k, 2), px."""
 
-    sign: NDArray[np.int64]
+    sign: Numbers
     box: Array
     centre: Array
 
@@ -147,7 +146,7 @@ class SimulatedDrive:
             np.full(survey.signs, survey.camera_height_m + survey.up_m),
         )
         self.seen: list[PanelObservations] = []
-        self._visible: dict[int, NDArray[np.int64]] = {}
+        self._visible: dict[int, Numbers] = {}
         self._face = rng.normal(0, survey.face_share * survey.panel_m, (survey.signs, 2))
         self.points, self._point_station = self._scatter_points(station[-1] + TIE_REACH_M)
 
@@ -162,7 +161,7 @@ class SimulatedDrive:
             image = Image(frame, None, None)
             yield PosedDetections(Detections(unsegmented(image), seen.candidates()), motion)
 
-    def visible(self, index: int) -> NDArray[np.int64]:
+    def visible(self, index: int) -> Numbers:
         """Points that could be ties in an image, ascending."""
         if index not in self._visible:
             station = self.station[index]
@@ -171,7 +170,7 @@ class SimulatedDrive:
             self._visible[index] = np.asarray(low + np.flatnonzero(shown), np.int64)
         return self._visible[index]
 
-    def common(self, before: int, now: int) -> NDArray[np.int64]:
+    def common(self, before: int, now: int) -> Numbers:
         """Points that tie two images: the first of those that both show, in a fixed order without meaning."""
         shared = np.intersect1d(self.visible(before), self.visible(now), assume_unique=True)
         order = np.argsort((shared * 2654435761) % 2**32, kind="stable")
@@ -228,7 +227,7 @@ class SimulatedDrive:
         above = np.where(road, 0.0, rng.gamma(1.0, 2.0, count))
         return self._beside(station, lateral, above), station
 
-    def _inside(self, local: Array) -> NDArray[np.bool_]:
+    def _inside(self, local: Array) -> Flags:
         """Whether points in the camera's frame (n, 3) are far enough ahead and in the image."""
         uv = local[:, :2] / np.maximum(local[:, 2], 1e-3)[:, None] * self.camera.fx + self._middle
         within = (uv >= 0) & (uv <= [self.survey.width - 1, self.survey.height - 1])

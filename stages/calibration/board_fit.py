@@ -6,11 +6,10 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from wayside.schemas.frame import Camera
 from wayside.stages.geometry import rotation_from_vector
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, Bytes, Floats
 
 WINDOW = 0.33
 """Half side of the window that refines a corner, by the distance to the next: least scatter, 0.04 px (measured)."""
@@ -47,7 +46,7 @@ class Board(NamedTuple):
     square_m: float
 
     @property
-    def points(self) -> NDArray[np.float32]:
+    def points(self) -> Floats:
         """Corners (n, 3) on the board, row by row, in squares."""
         grid = np.mgrid[: self.columns, : self.rows].T.reshape(-1, 2)
         return np.hstack([grid, np.zeros((len(grid), 1))]).astype(np.float32)
@@ -60,7 +59,7 @@ class FoundBoard(NamedTuple):
     why: str
 
 
-def find_board(grey: NDArray[np.uint8], board: Board) -> FoundBoard:
+def find_board(grey: Bytes, board: Board) -> FoundBoard:
     """Find all inner corners of a board in a grey image (height, width).
 
     By localised Radon transform (Duda and Frese 2018), or else by its quadrangles. The corners are then refined to
@@ -87,7 +86,7 @@ def find_board(grey: NDArray[np.uint8], board: Board) -> FoundBoard:
     return FoundBoard(None, f"no board of {wanted} found: too blurred, too small, or another board")
 
 
-def _refined(grey: NDArray[np.uint8], corners: NDArray[np.float32], board: Board) -> Array:
+def _refined(grey: Bytes, corners: Floats, board: Board) -> Array:
     """Corners (n, 2) refined in windows that do not reach the next corner."""
     grid = corners.reshape(board.rows, board.columns, 2)
     gaps = [np.linalg.norm(np.diff(grid, axis=axis), axis=2).min() for axis in (0, 1)]

@@ -5,7 +5,6 @@ from math import inf
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wayside.schemas.frame import Camera
 from wayside.schemas.motion import Motion
@@ -22,7 +21,7 @@ from wayside.stages.adjustment import (
     ties_of_step,
 )
 from wayside.stages.geometry import distort_points, ideal_of_rays, tangent_basis
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, Numbers
 
 SEGMENT_IMAGES = 12
 """Images of a segment, within which tracks are adjusted together."""
@@ -57,15 +56,15 @@ class Segment(NamedTuple):
     turns: Array
     turn_sigma: Array
     lengths: Array
-    frame: NDArray[np.int64]
-    track: NDArray[np.int64]
-    early: NDArray[np.int64]
+    frame: Numbers
+    track: Numbers
+    early: Numbers
     start: Array
     end: Array
     warp: Array
     sigma_px: Array
     shared_px: Array
-    head: NDArray[np.int64]
+    head: Numbers
     origin: Array
     ray: Array
     basis: Array

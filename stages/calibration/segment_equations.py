@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from wayside.schemas.frame import Camera
@@ -236,9 +235,9 @@ def _residuals(segment: Segment, pixels: Array) -> tuple[Array, Array]:
 
 @compiled
 def _accumulate(
-    frame: NDArray[np.int64],
-    track: NDArray[np.int64],
-    late: NDArray[np.int64],
+    frame: Numbers,
+    track: Numbers,
+    late: Numbers,
     warp: Array,
     errors: Array,
     weights: Array,

@@ -16,7 +16,7 @@ from wayside.stages.detection.network_proposals import (
     boxes_of_maps,
 )
 from wayside.stages.imaging import enlarged, halved
-from wayside.stages.kernels import compiled, require_array, require_image
+from wayside.stages.kernels import Bytes, Flags, Floats, compiled, require_array, require_image
 from wayside.stages.segmentation import FACE_ROWS, unsegmented
 
 NARROWEST, WIDEST = 0.2, 6.5
@@ -65,9 +65,7 @@ def propose(images: Iterator[Image], *, network: DetectionNetwork) -> Iterator[S
         )
 
 
-def network_boxes(
-    network: DetectionNetwork, rgb: NDArray[np.uint8], camera: Camera
-) -> NetworkBoxes:
+def network_boxes(network: DetectionNetwork, rgb: Bytes, camera: Camera) -> NetworkBoxes:
     """The best boxes of an image: far faces near the horizon at full size, all rows with faces at half size.
 
     For an image of short focal length, full size is twice its own size, and half size is its own. A face is then as
@@ -91,9 +89,7 @@ def network_boxes(
     return boxes_of_maps(parts, rgb.shape, LEAST_SCORE, MOST_BOXES, SAME_BOX_IOU)
 
 
-def regions_of(
-    box: NDArray[np.float32], shape: NDArray[np.integer], rgb: NDArray[np.uint8], source: str
-) -> Regions:
+def regions_of(box: Floats, shape: NDArray[np.integer], rgb: Bytes, source: str) -> Regions:
     """Boxes (n, 4) of faces of these shapes (n,) as regions of an image; the area of an unknown shape (-1) is usual."""
     filled = [OTHER_FILLED if k < 0 else FILLED.get(SHAPES[k], OTHER_FILLED) for k in shape]
     area = np.array(filled) * np.prod(box[:, 2:] - box[:, :2], axis=1)
@@ -106,14 +102,14 @@ def enlargement(camera: Camera) -> int:
     return next((k for k in (1, 2) if k * camera.fy >= SHORTEST_FOCAL_PX), 4)
 
 
-def fits_face(box: NDArray[np.floating[Any]], camera: Camera) -> NDArray[np.bool_]:
+def fits_face(box: NDArray[np.floating[Any]], camera: Camera) -> Flags:
     """Which boxes (n, 4) in images of a camera have the height and the aspect of a face."""
     wide, tall = box[:, 2] - box[:, 0], box[:, 3] - box[:, 1]
     aspect = (wide >= NARROWEST * tall) & (wide <= WIDEST * tall)
     return np.asarray(aspect & (enlargement(camera) * tall >= SHORTEST_PX))
 
 
-def mean_colors(rgb: NDArray[np.uint8], box: NDArray[np.float32]) -> NDArray[np.float32]:
+def mean_colors(rgb: Bytes, box: Floats) -> Floats:
     """Mean colour (n, 3) of the inner half of each box (n, 4): most of its corners show the background."""
     require_image(rgb)
     require_array(box, "box", np.float32, (None, 4))

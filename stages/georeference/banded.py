@@ -7,10 +7,9 @@ memory proportional to the length of the chain.
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded, solve_banded
 
-from wayside.stages.kernels import Array, compiled, require_array
+from wayside.stages.kernels import Array, Numbers, compiled, require_array
 
 
 class BandedNormal:
@@ -23,7 +22,7 @@ class BandedNormal:
 
     def add(
         self,
-        block: NDArray[np.int64],
+        block: Numbers,
         columns: Sequence[int],
         jacobian: Array,
         residual: Array,

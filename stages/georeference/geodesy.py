@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wayside.schemas.frame import Fix, Pose
 from wayside.stages.geometry import cross_matrices, median_longitude_deg, turn_deg
@@ -90,7 +89,7 @@ def origin_of(fixes: Sequence[Fix]) -> LocalOrigin:
     return LocalOrigin(first.latitude_deg, first.longitude_deg, first.altitude_m)
 
 
-def align_level(local: Array, outside: Array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def align_level(local: Array, outside: Array) -> tuple[Array, Array]:
     """Rotation (3, 3) about z and shift (3,) that take points (n, 3) to others (n, 3), a minority of them outliers.
 
     The angle is the weighted median of those between points half the drive apart, the shift the median.

@@ -4,9 +4,8 @@ from dataclasses import dataclass, field
 from math import inf, pi
 
 import numpy as np
-from numpy.typing import NDArray
 
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, Flags, Numbers
 
 ACCELERATION_MPS2 = 1.0
 """Standard deviation of the acceleration in ordinary driving, by which lengths of steps are compared."""
@@ -29,7 +28,7 @@ CORRELATION_S = 60.0
 STEP_FLOOR_RAD = 1e-5
 """Smallest scatter of a step's rotation (estimate)."""
 
-LengthRatios = tuple[NDArray[np.int64], Array, Array]
+LengthRatios = tuple[Numbers, Array, Array]
 """Rows (k,) of frames, log (k,) of the scale of the step to each over that of the step before, its scatter (k,)."""
 
 
@@ -47,7 +46,7 @@ class RelativeMotionChain:
     rotation: Array
     translation: Array
     covariance: Array
-    free_length: NDArray[np.bool_]
+    free_length: Flags
     length_ratio: Array
 
     @property
@@ -99,11 +98,11 @@ class RelativeMotionChain:
         wanted = np.where(timed, np.log(now / before) - self._given(rows), 0.0)
         return rows, wanted, np.where(timed, np.hypot(by_speed, by_stamps), EQUAL_LENGTH_SIGMA)
 
-    def _neighbours(self) -> NDArray[np.int64]:
+    def _neighbours(self) -> Numbers:
         """Frames whose step and that before are both of unknown length."""
         return 2 + np.flatnonzero(self.free_length[2:] & self.free_length[1:-1])
 
-    def _given(self, rows: NDArray[np.int64]) -> Array:
+    def _given(self, rows: Numbers) -> Array:
         return np.asarray(np.log(self.length[rows] / self.length[rows - 1]))
 
 
@@ -117,7 +116,7 @@ class AbsoluteMeasurements:
     first frame about each axis. `roll_sigma_rad`: prior of every camera's roll (inf: none).
     """
 
-    row: NDArray[np.int64]
+    row: Numbers
     position: Array
     sigma_m: Array
     correlated_sigma_m: Array

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wayside.stages.georeference.measurements import AbsoluteMeasurements, RelativeMotionChain
 from wayside.stages.georeference.path import PathPoint
@@ -98,7 +97,7 @@ def contradiction(chain: RelativeMotionChain, found: Trajectory) -> str:
 
 def _disagreement(
     chain: RelativeMotionChain, measured: AbsoluteMeasurements, found: Trajectory
-) -> tuple[Array, NDArray[np.int64]]:
+) -> tuple[Array, Numbers]:
     """Distance (k,) between measured and relative displacement of neighbouring frames; rows (k,) of the later."""
     pair = np.flatnonzero(np.diff(measured.row) == 1)
     before, later = measured.row[pair], measured.row[pair + 1]

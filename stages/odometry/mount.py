@@ -31,9 +31,9 @@ HEIGHT_BAND, FEWEST_HEIGHTS = 0.06, 8
 class Mount:
     """Running medians over the last steps.
 
-    `slopes` (k, 2) of the direction of travel, `heights` (n,) of points, metres, so many of each step. They give
-    `travel`, the direction as learnt so far (straight ahead before the mount is known), and `height_m` of the camera
-    above the road, nan while unknown.
+    `slopes` (k, 2) of the direction of travel half way through a step, x/z and y/z; `heights` (n,) of points, metres,
+    so many of each step. They give `travel`, the direction as learnt so far (straight ahead before the mount is known),
+    and `height_m` of the camera above the road, nan while unknown.
     """
 
     slopes: Array = field(default_factory=lambda: np.zeros((0, 2)))
@@ -48,7 +48,8 @@ class Mount:
 
     def learn(self, rotation: Array, direction: Array, points: Array) -> None:
         """Take in an adjusted step and the points (n, 3) that were matched in it, in the camera's frame."""
-        self.slopes = np.vstack([self.slopes, travel_slopes(rotation, direction)])[-MOUNT_MEMORY:]
+        half = halfway_direction(np.ascontiguousarray(rotation.T), direction)
+        self.slopes = np.vstack([self.slopes, half[:2] / half[2]])[-MOUNT_MEMORY:]
         if len(self.slopes) >= MOUNT_STEPS:
             middle = np.median(self.slopes, axis=0)
             direction = np.array([middle[0], middle[1], 1.0])
@@ -64,12 +65,6 @@ class Mount:
         if not isfinite(self.height_m):
             return None
         return GroundPlane(road_down(self.travel.direction), self.height_m, baseline_m)
-
-
-def travel_slopes(rotation: Array, direction: Array) -> Array:
-    """Direction of travel in the axes half way through the rotation, as slopes x/z and y/z (2,)."""
-    half = halfway_direction(np.ascontiguousarray(rotation.T), direction)
-    return np.asarray(half[:2] / half[2])
 
 
 def road_down(direction: Array) -> Array:

@@ -29,7 +29,6 @@ from wayside.stages.panel.outline_edges import (
 )
 from wayside.stages.panel.outline_shapes import (
     ASPECT,
-    OUTLINE_SHAPES,
     TEMPLATES,
     growth,
     placed,
@@ -189,28 +188,27 @@ def _features(inner: "Outline", outer: Array, detected: Array, edge: Array, stri
 
 
 class Outline(NamedTuple):
-    """A fitted outline: shape, box, rotation (rad, clockwise), mean edge strength 0 to 1 and its standard error."""
+    """A fitted outline: shape, box, mean edge strength 0 to 1 and its standard error, rotation (rad, clockwise)."""
 
     shape: str
     box: Array
-    rotation: float
     strength: float
     error: float = 0.0
+    rotation: float = 0.0
 
 
 def strongest_outlines(gradients: Gradients, box: Array) -> list[Outline]:
     """Outlines of the best shapes near a box, the strongest one of each."""
-    near = [_strongest(gradients, shape, box, COARSE) for shape in OUTLINE_SHAPES]
+    found = [
+        Outline(shape, *strongest_outline(gradients, template, box, *COARSE))
+        for shape, template in TEMPLATES.items()
+    ]
     # segments rotate as the proportions change: once more, near by
-    near = [_strongest(gradients, one.shape, one.box, FINE) for one in _best(near)]
+    near = [
+        Outline(one.shape, *strongest_outline(gradients, TEMPLATES[one.shape], one.box, *FINE))
+        for one in _best(found)
+    ]
     return [align_sides(gradients, one) for one in _best(near)]
-
-
-def _strongest(
-    gradients: Gradients, shape: str, box: Array, near: tuple[float, float, float]
-) -> Outline:
-    outer, strength, error = strongest_outline(gradients, TEMPLATES[shape], box, *near)
-    return Outline(shape, outer, 0.0, strength, error)
 
 
 def _best(found: list[Outline]) -> list[Outline]:

@@ -6,14 +6,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from wayside.schemas.frame import Camera, Pose
 from wayside.schemas.motion import Motion
 from wayside.stages.geometry import ideal_points
-from wayside.stages.kernels import Array, Bytes, compiled, require_array
-
-Singles = NDArray[np.float32]
+from wayside.stages.kernels import Array, Bytes, Floats, compiled, require_array
 
 LEVELS = 3
 """Sizes of an image, each half of the one before: near ground is sampled in a small one, without aliasing."""
@@ -35,7 +32,7 @@ class GroundImage:
     """Of the camera."""
     matrix: Array
     """From rays of the camera to pixels of the largest size, (3, 3)."""
-    sizes: tuple[NDArray[np.uint8], ...] = field(repr=False)
+    sizes: tuple[Bytes, ...] = field(repr=False)
     """Grey, (rows, columns) each, the largest first."""
 
     def ahead(self, place: Pose) -> float:
@@ -47,7 +44,7 @@ class GroundImage:
         covered = metres / float(self.matrix[1, 1])
         return int(np.clip(np.log2(wanted / covered), 0, len(self.sizes) - 1))
 
-    def samples(self, place: Pose, along: Array, right: Array, up: Array, level: int) -> Singles:
+    def samples(self, place: Pose, along: Array, right: Array, up: Array, level: int) -> Floats:
         """Grey (k, m) at k lines along the road of m points each; nan outside of the image.
 
         `place`: origin, metres, and columns of the axes along, right and up, in the frame of the drive.
@@ -99,7 +96,7 @@ def _maps(camera: Camera) -> tuple[Any, Any, Array]:
 
 
 @compiled
-def _samples(image: Bytes, projection: Array, along: Array, right: Array, up: Array) -> Singles:
+def _samples(image: Bytes, projection: Array, along: Array, right: Array, up: Array) -> Floats:
     rows, columns = image.shape
     out = np.full((len(right), len(along)), np.nan, np.float32)
     for i in range(len(right)):
@@ -123,7 +120,7 @@ def _samples(image: Bytes, projection: Array, along: Array, right: Array, up: Ar
     return out
 
 
-def agreement(first: Singles, second: Singles) -> Singles:
+def agreement(first: Floats, second: Floats) -> Floats:
     """Correlation (p,) of the samples of p patches in two images; nan where too few are seen in both.
 
     `first`, `second` (p, k, m): k lines along the road of m points. The mean of each line is taken out of it: an error
@@ -135,7 +132,7 @@ def agreement(first: Singles, second: Singles) -> Singles:
 
 
 @compiled
-def _agreement(first: Singles, second: Singles) -> Singles:
+def _agreement(first: Floats, second: Floats) -> Floats:
     patches, lines, points = first.shape
     out = np.full(patches, np.nan, np.float32)
     for p in range(patches):

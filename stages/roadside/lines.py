@@ -2,10 +2,8 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from wayside.stages.kernels import Array
-from wayside.stages.roadside.images import Singles
+from wayside.stages.kernels import Array, Floats, Numbers
 
 COLUMN_M = 0.02
 """Distance of the columns of a strip, across the road."""
@@ -23,7 +21,7 @@ _SHORTEST = np.ones((1, 5), np.uint8)
 """Paint over fewer rows in a row is a spot: gravel, leaves, light through a fence."""
 
 
-def painted_lines(strip: Singles) -> Array:
+def painted_lines(strip: Floats) -> Array:
     """Column, and painted part of the length, of each line (k, 2) in a strip (columns, rows); nan: not seen.
 
     Columns are `COLUMN_M` apart, rows lie along the road. A line is brighter than the road on both its sides.
@@ -51,7 +49,7 @@ def painted_lines(strip: Singles) -> Array:
     return _strongest(columns, long.sum(axis=1) / rows, (paint * long).sum(axis=1) / rows)
 
 
-def _strongest(columns: NDArray[np.int64], painted: Array, strength: Array) -> Array:
+def _strongest(columns: Numbers, painted: Array, strength: Array) -> Array:
     """Centres and painted parts of the strongest columns, none near a stronger one, from left to right."""
     reach, left = round(APART_M / COLUMN_M), np.where(painted >= LEAST_PAINTED, strength, 0.0)
     found = []

@@ -5,13 +5,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import rank_filter
 
 from wayside.schemas.frame import Pose
 from wayside.schemas.roadside import CrossSection, Roadside
 from wayside.stages.georeference import DrivePath, scale_near
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, Flags
 from wayside.stages.roadside.breaks import breaks_of
 from wayside.stages.roadside.ground import NEIGHBOUR_WEIGHTS, Ground, ground_of, pooled
 from wayside.stages.roadside.sweep import HEIGHTS_M, OFFSETS_M, Sweep
@@ -137,7 +136,7 @@ def _camera_height(placed: Sequence[_Placed]) -> float:
     return float(np.median(heights)) if len(heights) else np.nan
 
 
-def _measured(placed: Sequence[_Placed]) -> NDArray[np.bool_]:
+def _measured(placed: Sequence[_Placed]) -> Flags:
     """Whether heights (stations, n) are of ground: sure, in sight, and much the same along the road."""
     sure = [(one.ground.margin >= LEAST_MARGIN) & ~_behind(one.ground) for one in placed]
     heights = [np.where(own, one.above, np.nan) for own, one in zip(sure, placed, strict=True)]
@@ -153,7 +152,7 @@ def _usual(values: Array, reach: int, least: int) -> Array:
     return np.where(often, np.nanmedian(np.where(often, near, 0.0), axis=0), np.nan)
 
 
-def _behind(ground: Ground) -> NDArray[np.bool_]:
+def _behind(ground: Ground) -> Flags:
     """Whether each strip (n,) is upright, or lies behind an upright one as seen from the road."""
     upright = (ground.greatest >= UPRIGHT_AGREEMENT) & (ground.margin <= 0)
     middle = len(OFFSETS_M) // 2

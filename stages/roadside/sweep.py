@@ -11,14 +11,13 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wayside.schemas.frame import Pose
 from wayside.schemas.motion import PosedDetections
-from wayside.stages.kernels import Array, Numbers
+from wayside.stages.kernels import Array, Floats, Numbers
 from wayside.stages.mapping import USUAL_CAMERA_M
 from wayside.stages.roadside.ground import ground_of
-from wayside.stages.roadside.images import GroundImage, Singles, agreement, ground_image
+from wayside.stages.roadside.images import GroundImage, agreement, ground_image
 from wayside.stages.roadside.lines import COLUMN_M, painted_lines
 
 STATION_M = 8.0
@@ -54,9 +53,9 @@ class Sweep(NamedTuple):
     """In the camera frame of `frame`: the path at the station; axes along, right and up as columns."""
     road_m: float
     """Height of the camera above the road, as the heights were assumed."""
-    score: Singles
+    score: Floats
     """Sum of the correlations of each strip at each height, (offsets, heights)."""
-    pairs: NDArray[np.int64]
+    pairs: Numbers
     """Pairs of images in that sum, by strip, (offsets,)."""
     lines: Array
     """Offset to the right, m, painted part of the length, and assumed height above the path, m, of each painted line,
@@ -107,7 +106,7 @@ def _place(held: deque[GroundImage], share: float) -> Pose:
     return Pose(np.column_stack([along, np.cross(along, up), up]), start + share * (end - start))
 
 
-def _scores(held: deque[GroundImage], place: Pose, road_m: float) -> tuple[Singles, Numbers]:
+def _scores(held: deque[GroundImage], place: Pose, road_m: float) -> tuple[Floats, Numbers]:
     """Sum of the correlations of all pairs at each strip and height, and the number of pairs of each strip."""
     shape = len(OFFSETS_M), len(HEIGHTS_M), len(ACROSS_M)
     right = np.broadcast_to((OFFSETS_M[:, None] + ACROSS_M)[:, None], shape).flatten()

@@ -152,9 +152,8 @@ def halved_twice(image):
 
 def scaled_down(calibration):
     """The calibration of these images, in place."""
-    calibration.width, calibration.height = (
-        side // SMALLER for side in (calibration.width, calibration.height)
-    )
+    calibration.width //= SMALLER
+    calibration.height //= SMALLER
     for matrix, columns in ((calibration.K, 3), (calibration.P, 4)):
         for row in range(2):
             matrix[row * columns + row] /= SMALLER

@@ -424,11 +424,8 @@ def random_sign(rng, number, truth):
     figures |= {"panel_width_m": float(rng.uniform(0.3, 2)), "bottom_m": float(rng.uniform(0, 3))}
     figures |= {"sigma_up_m": float(rng.choice([0.0, 0.1, 1.0]))}
     given = {name: value if rng.random() < 0.8 else None for name, value in figures.items()}
-    turn, off = (
-        Rotation.from_quat(pose["quaternion"]).inv(),
-        rng.normal(0, rng.choice([0.1, 1.0]), 3),
-    )
-    near = turn.apply(np.subtract(target["centre"], pose["position"])) + off
+    off, turn = rng.normal(0, rng.choice([0.1, 1.0]), 3), Rotation.from_quat(pose["quaternion"])
+    near = turn.apply(np.subtract(target["centre"], pose["position"]), inverse=True) + off
     given |= {"status": str(rng.choice(["sign", "sign", "sign", "back", "uncertain"]))}
     given |= {"best_frame": 77 if rng.random() < 0.1 else pose["index"]}
     given |= {"best_box": random_box(rng), "sigma_along_m": float(rng.uniform(0.05, 2))}

@@ -390,10 +390,7 @@ def test_what_a_log_lacks_is_refused_and_told_with_what_helps(new_log, lack):
     assert not told or "can be used:" not in text
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [{"every": 0}, {"from_s": -1.0}, {"from_s": 5.0, "until_s": 4.0}, {"spacing_m": np.nan}],
-)
+@pytest.mark.parametrize("wrong", [{"every": 0}, {"from_s": 5.0, "until_s": 4.0}])
 def test_senseless_settings_are_refused_before_anything_is_read(tmp_path, wrong):
     with pytest.raises(UsageError, match=f"read.{list(wrong)[-1]}"):
         read(tmp_path / "none.mcap", **wrong)

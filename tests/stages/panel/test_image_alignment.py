@@ -39,9 +39,8 @@ def middle_weight():
     stretch=st.tuples(st.floats(0.95, 1.05), st.floats(0.95, 1.05)),
     gain=st.floats(0.7, 1.4),
 )
-@example(
-    seed=11, shift=(0.0, 0.0), stretch=(1.03125, 0.953125), gain=1.375
-)  # the shift is right at once
+# the shift is right at once
+@example(seed=11, shift=(0.0, 0.0), stretch=(1.03125, 0.953125), gain=1.375)
 def test_shift_and_stretch_are_found_whatever_the_light(seed, shift, stretch, gain):
     template = scene(seed)
     patch = moved(template, shift, stretch) * gain + 7.0
