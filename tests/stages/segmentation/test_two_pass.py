@@ -47,7 +47,7 @@ def test_all_regions_of_both_label_images_are_counted_and_the_gate_bounds_the_ro
         ndimage.label(labels == label)[1] for labels in result.labels for label in np.unique(labels)
     )
     assert result.region_count == total
-    assert result.dropped == (total - len(result.regions), 0, 0)
+    assert result.dropped == (total - len(result.regions), 0)
     areas = result.regions.area_px
     assert areas.min() >= 20
     assert areas.max() <= 20_000
