@@ -31,9 +31,9 @@ HEIGHT_BAND, FEWEST_HEIGHTS = 0.06, 8
 class Mount:
     """Running medians over the last steps.
 
-    `slopes` (k, 2) of the direction of travel half way through a step, x/z and y/z; `heights` (n,) of points, metres,
-    so many of each step. They give `travel`, the direction as learnt so far (straight ahead before the mount is known),
-    and `height_m` of the camera above the road, nan while unknown.
+    `slopes` (k, 2): x/z and y/z of the direction of travel half way through a step. `heights` (n,): of points, metres,
+    so many of each step. `travel`: the direction as learnt so far, straight ahead before the mount is known.
+    `height_m`: of the camera above the road, nan while unknown.
     """
 
     slopes: Array = field(default_factory=lambda: np.zeros((0, 2)))
