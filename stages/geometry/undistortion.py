@@ -22,18 +22,15 @@ def ideal_points(camera: Camera, points: NDArray[np.floating[Any]]) -> NDArray[n
 
     Raises ValueError where `points` is not (n, 2).
     """
-    pixels = shaped(points, (-1, 2)).copy()
-    if len(pixels) == 0 or not camera.distortion:
-        return pixels
-    lens = np.pad(camera.distortion, (0, 14 - len(camera.distortion)))
-    if lens[12:].any():  # the sensor is tilted
-        ideal = pixels.copy()
+    pixels = shaped(points, (-1, 2))
+    ideal = pixels.copy()
+    if any(camera.distortion[12:]):  # the sensor is tilted
         for _ in range(ITERATIONS):
             ideal += pixels - distort_points(camera, ideal)
-        return ideal
-    start = rays_of_ideal(camera, pixels).T.copy()
-    _undistort(start, lens, rays := start.copy())
-    return ideal_of_rays(camera, rays.T)
+    elif camera.distortion:
+        lens = np.array([*camera.distortion, *[0.0] * 12][:12])
+        _undistort((camera.fx, camera.fy, camera.cx, camera.cy), lens, ideal)
+    return ideal
 
 
 def distort_points(camera: Camera, ideal: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
@@ -65,10 +62,12 @@ def to_rays(camera: Camera, points: NDArray[np.floating[Any]]) -> NDArray[np.flo
 
 
 @compiled
-def _undistort(start: Array, lens: Array, rays: Array) -> None:
+def _undistort(matrix: tuple[float, ...], lens: Array, points: Array) -> None:
     # Fixed-point iteration on OpenCV's model of a lens, as in its undistortPoints.
-    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, _, _ = lens
-    u, v, across, below = start[0], start[1], rays[0], rays[1]
+    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = lens
+    fx, fy, cx, cy = matrix
+    u, v = (points[:, 0] - cx) / fx, (points[:, 1] - cy) / fy
+    across, below = u.copy(), v.copy()
     for _ in range(ITERATIONS):
         for i in range(len(u)):
             x, y = across[i], below[i]
@@ -79,3 +78,4 @@ def _undistort(start: Array, lens: Array, rays: Array) -> None:
             if not 0.0 < scale < 9.0:  # of no lens: beyond its border, the point stays as recorded
                 du, dv, scale = 0.0, 0.0, 1.0
             across[i], below[i] = (u[i] - du) * scale, (v[i] - dv) * scale
+    points[:, 0], points[:, 1] = across * fx + cx, below * fy + cy
