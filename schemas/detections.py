@@ -87,7 +87,8 @@ class Rows:
 
     def __len__(self) -> int:
         """Count rows."""
-        return len(next(iter(self.columns().values())))
+        first: tuple[str, ...] = self.__slots__
+        return len(getattr(self, first[0]))
 
     def select(self, rows: Any) -> Self:
         """Those rows, in that order."""
@@ -109,8 +110,7 @@ class Rows:
     def columns(self) -> dict[str, Any]:
         """The columns by name."""
         names: tuple[str, ...] = self.__slots__
-        values = [(name, getattr(self, name)) for name in names]
-        return {name: own for name, own in values if isinstance(own, (np.ndarray, Rows))}
+        return {n: own for n in names if isinstance(own := getattr(self, n), (np.ndarray, Rows))}
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from datetime import datetime
 from io import BytesIO
 from typing import Any, NamedTuple
 
+import simplejpeg
 from PIL import Image
 from PIL.ExifTags import IFD, Base
 
@@ -68,6 +69,10 @@ def read_image_header(data: bytes | memoryview) -> ImageHeader | None:
         if bytes(data[:4]).startswith(_START_CODES):
             found, _ = read_stream(data, None)
             return found and ImageHeader(H264, found.width, found.height)
+        if bytes(data[:2]) == b"\xff\xd8":
+            height, width, *_ = simplejpeg.decode_jpeg_header(data)
+            if height * width <= _LARGEST_TRIED_PX:  # Pillow refuses what would fill the memory
+                return ImageHeader("jpeg", width, height)
         with _opened(data) as image:
             (width, height), name = image.size, format_word(image.format or "")
     except Exception:  # each reader has errors of its own for damaged bytes
@@ -87,8 +92,7 @@ def _opened(data: bytes | memoryview) -> Iterator[Image.Image]:
 
 def read_exif(data: bytes | memoryview) -> Exif:
     """Exif data of a compressed image, without damaged parts."""
-    tags: dict[int, Any] = {}
-    satellites: dict[int, Any] = {}
+    tags, satellites = dict[int, Any](), dict[int, Any]()
     try:
         with _opened(data) as image:
             # Pillow decodes all of a PNG to look for Exif data after the pixels.
@@ -161,18 +165,16 @@ def format_and_size(image: ImageContent) -> tuple[str, int, int]:
     """Encoding in a word, width and height; 0 where only decoding shows it."""
     if image.width:
         return image.encoding, image.width, image.height
-    header = read_image_header(image.data)
-    return (format_word(image.encoding), 0, 0) if header is None else header
+    return read_image_header(image.data) or (format_word(image.encoding), 0, 0)
 
 
 def image_fault(image: ImageContent) -> str:
     """Why an image cannot be decoded, in words; empty where it can, or is a picture of a video, which needs others."""
-    encoding, width, height = format_and_size(image)
-    if image.encoding == H264 or width * height > _LARGEST_TRIED_PX:
-        return ""
-    if not width:
-        return f"its format {encoding!r} is not supported, or its header is damaged"
     one = frame_of(image)
+    if image.encoding == H264 or one.width * one.height > _LARGEST_TRIED_PX:
+        return ""
+    if not one.width:
+        return f"its format {one.encoding!r} is not supported, or its header is damaged"
     status, _ = decode_pixels(one)
     if status != USED and image.width and read_image_header(image.data) is None:
         try:

@@ -92,8 +92,7 @@ def copies_among(images: Sequence[ImageFile]) -> dict[Path, Path]:
     originals: dict[bytes, Path] = {}
     for image in sorted(images, key=lambda image: len(image.path.name)):
         originals.setdefault(image.digest, image.path)
-    found = {image.path: originals[image.digest] for image in images}
-    return {path: original for path, original in found.items() if path != original}
+    return {one.path: originals[one.digest] for one in images if one.path != originals[one.digest]}
 
 
 def in_order(

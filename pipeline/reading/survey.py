@@ -89,10 +89,8 @@ class Topic:
     def image_size(self) -> tuple[int, int] | None:
         """Width and height of the first image, None where it does not tell."""
         image = self.first
-        if not isinstance(image, ImageContent):
-            return None
-        _, width, height = format_and_size(image)
-        return (width, height) if width else None
+        size = format_and_size(image)[1:] if isinstance(image, ImageContent) else (0, 0)
+        return size if size[0] else None
 
     @property
     def image_format(self) -> str:

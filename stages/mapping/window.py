@@ -265,16 +265,16 @@ class TravelledPath:
     def __init__(self, longest: int) -> None:
         self._poses: deque[tuple[Any, ...]] = deque(maxlen=longest)
         self._columns: list[NDArray[np.float64]] = []
-        self._ahead = np.array([0.0, 0.0, 1.0])
 
     def append(self, motion: Motion) -> None:
         """Go one frame further."""
-        pose = motion.pose
-        self._poses.append((pose.centre, -pose.rotation[:, 1], motion.station_m))
-        self._columns = [np.array(column) for column in zip(*self._poses, strict=True)]
-        self._ahead = pose.rotation[:, 2]
+        axes = motion.pose.rotation.T
+        self._poses.append((motion.pose.centre, -axes[1], axes[2], motion.station_m))
+        self._columns = []
 
     def offset(self, point: NDArray[np.float64]) -> FrenetOffset:
         """Station and offset of a point (3,) of the drive's frame."""
-        centres, ups, stations = self._columns
-        return frenet_offset(point, centres, ups, stations, self._ahead)
+        if not self._columns:  # once for all points that are asked for after a step
+            self._columns = [np.array(column) for column in zip(*self._poses, strict=True)]
+        centres, ups, ahead, stations = self._columns
+        return frenet_offset(point, centres, ups, stations, ahead[-1])
