@@ -39,10 +39,8 @@ def distort_points(camera: Camera, ideal: NDArray[np.floating[Any]]) -> NDArray[
     if len(pixels) == 0 or not camera.distortion:
         return pixels
     rays = np.concatenate([rays_of_ideal(camera, pixels), np.ones((len(pixels), 1))], axis=1)
-    still = np.zeros(3)
-    projected, _ = cv2.projectPoints(
-        rays[:, None], still, still, camera.matrix, np.array(camera.distortion)
-    )
+    still, lens = np.zeros(3), (camera.matrix, np.array(camera.distortion))
+    projected, _ = cv2.projectPoints(rays[:, None], still, still, *lens)
     return np.asarray(projected, np.float64).reshape(-1, 2)
 
 

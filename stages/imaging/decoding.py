@@ -46,6 +46,7 @@ _DEEP = re.compile(r"((?:mono|rgba?|bgra?|bayer_[rgb]{4}))16(?::(\d+))?")
 """A raw encoding of 16 bits; behind a colon, how many of the bits the camera uses."""
 
 _JPEG, _END_OF_JPEG, _START_OF_SCAN = b"\xff\xd8", b"\xff\xd9", b"\xff\xda"
+_SCAN = int.from_bytes(_START_OF_SCAN, "little")
 _MOST_SCANS = 100
 """Scans of a progressive JPEG, each of which passes over all pixels: encoders write about ten."""
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
@@ -111,7 +112,8 @@ def _jpeg_pixels(data: bytes) -> tuple[str, NDArray[np.uint8] | None]:
     libjpeg fills what is missing or cannot be read with grey and warns; simplejpeg, the same decoder with the same
     pixels as OpenCV's, hands the warnings on. What no decoder notices is a damaged coefficient whose code is valid.
     """
-    if data.count(_START_OF_SCAN) > _MOST_SCANS:
+    pairs = (np.frombuffer(data, "<u2", (len(data) - k) // 2, k) for k in (0, 1))
+    if sum(np.count_nonzero(two == _SCAN) for two in pairs) > _MOST_SCANS:
         return UNDECODABLE, None
     try:
         _, _, colors, _ = simplejpeg.decode_jpeg_header(data)
