@@ -95,8 +95,7 @@ class Topic:
     @property
     def image_format(self) -> str:
         """Encoding of the first image, in a word."""
-        image = self.first
-        return format_word(image.encoding) if isinstance(image, ImageContent) else "unknown"
+        return format_word(getattr(self.first, "encoding", "unknown"))
 
 
 @dataclass(slots=True)
