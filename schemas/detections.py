@@ -87,8 +87,9 @@ class Rows:
 
     def __len__(self) -> int:
         """Count rows."""
-        first: tuple[str, ...] = self.__slots__
-        return len(getattr(self, first[0]))
+        names: tuple[str, ...] = self.__slots__
+        first = next(n for n in names if isinstance(getattr(self, n), (np.ndarray, Rows)))
+        return len(getattr(self, first))
 
     def select(self, rows: Any) -> Self:
         """Those rows, in that order."""
@@ -103,8 +104,7 @@ class Rows:
                 t[name] if name in t else np.full((len(p), *known.shape[1:]), np.nan, np.float32)
                 for p, t in zip(parts, tables, strict=True)
             ]
-            join = known.joined if isinstance(known, Rows) else np.concatenate
-            every[name] = join(found)
+            every[name] = (known.joined if isinstance(known, Rows) else np.concatenate)(found)
         return replace(parts[0], **every)
 
     def columns(self) -> dict[str, Any]:
