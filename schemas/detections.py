@@ -87,9 +87,8 @@ class Rows:
 
     def __len__(self) -> int:
         """Count rows."""
-        names: tuple[str, ...] = self.__slots__
-        first = next(n for n in names if isinstance(getattr(self, n), (np.ndarray, Rows)))
-        return len(getattr(self, first))
+        every = (getattr(self, name) for name in self.__slots__)
+        return len(next(own for own in every if isinstance(own, (np.ndarray, Rows))))
 
     def select(self, rows: Any) -> Self:
         """Those rows, in that order."""

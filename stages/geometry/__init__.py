@@ -11,7 +11,7 @@ from wayside.stages.geometry.linear_algebra import cholesky_solve as cholesky_so
 from wayside.stages.geometry.linear_algebra import cross_matrices as cross_matrices
 from wayside.stages.geometry.linear_algebra import invert_symmetric as invert_symmetric
 from wayside.stages.geometry.path import FrenetOffset as FrenetOffset
-from wayside.stages.geometry.path import frenet_offset as frenet_offset
+from wayside.stages.geometry.path import frenet_offsets as frenet_offsets
 from wayside.stages.geometry.path import median_longitude_deg as median_longitude_deg
 from wayside.stages.geometry.path import turn_deg as turn_deg
 from wayside.stages.geometry.ray_midpoint import meet_rays as meet_rays

@@ -17,12 +17,12 @@ class FrenetOffset(NamedTuple):
     above: float
 
 
-def frenet_offset(
-    point: Array, centres: Array, ups: Array, stations: Array, ahead: Array
-) -> FrenetOffset:
-    """Project a point onto the polyline of camera centres, which is extended straight beyond both ends.
+def frenet_offsets(
+    points: Array, centres: Array, ups: Array, stations: Array, ahead: Array
+) -> list[FrenetOffset]:
+    """Project points onto the polyline of camera centres, which is extended straight beyond both ends.
 
-    `point` (3,), `centres` (n, 3): in the world; cameras in the order of travel, n at least 1.
+    `points` (k, 3), `centres` (n, 3): in the world; cameras in the order of travel, n at least 1.
     `ups` (n, 3), `stations` (n,): up axis of each camera in the world, and distance along the path, metres.
     `ahead` (3,): direction of travel, used for a single camera.
     """
@@ -31,18 +31,18 @@ def frenet_offset(
     else:
         starts, steps = centres[:-1], np.diff(centres, axis=0)
         lengths = np.maximum(np.linalg.norm(steps, axis=1), 1e-9)
-    fraction = ((point - starts) * steps).sum(axis=1) / lengths**2
-    fraction[1:] = np.maximum(fraction[1:], 0.0)
-    fraction[:-1] = np.minimum(fraction[:-1], 1.0)
-    foot = starts + fraction[:, None] * steps
-    nearest = int(np.argmin(((point - foot) ** 2).sum(axis=1)))
-    along = steps[nearest] / lengths[nearest]
-    up = ups[nearest] - (ups[nearest] @ along) * along
-    up /= np.linalg.norm(up)
-    offset = point - foot[nearest]
-    station = stations[nearest] + fraction[nearest] * lengths[nearest]
-    right = along[[1, 2, 0]] * up[[2, 0, 1]] - along[[2, 0, 1]] * up[[1, 2, 0]]
-    return FrenetOffset(float(station), float(offset @ right), float(offset @ up))
+    fraction = ((points[:, None] - starts) * steps).sum(axis=2) / lengths**2
+    fraction[:, 1:] = np.maximum(fraction[:, 1:], 0.0)
+    fraction[:, :-1] = np.minimum(fraction[:, :-1], 1.0)
+    apart = points[:, None] - (starts + fraction[..., None] * steps)
+    row, at = np.arange(len(points)), (apart**2).sum(axis=2).argmin(axis=1)
+    offset, along = apart[row, at], steps[at] / lengths[at, None]
+    up = ups[at] - (ups[at] * along).sum(axis=1)[:, None] * along
+    up /= np.linalg.norm(up, axis=1)[:, None]
+    right = along[:, [1, 2, 0]] * up[:, [2, 0, 1]] - along[:, [2, 0, 1]] * up[:, [1, 2, 0]]
+    station = stations[at] + fraction[row, at] * lengths[at]
+    found = station, (offset * right).sum(axis=1), (offset * up).sum(axis=1)
+    return [*map(FrenetOffset._make, np.stack(found, axis=1).tolist())]
 
 
 def turn_deg(start: float, end: Degrees) -> Degrees:

@@ -9,7 +9,7 @@ import numpy as np
 
 from wayside.schemas.frame import Fix, Pose, PosePrior
 from wayside.schemas.landmarks import Landmark, TrackedFrame
-from wayside.stages.geometry import FrenetOffset, frenet_offset
+from wayside.stages.geometry import FrenetOffset, frenet_offsets
 from wayside.stages.georeference.geodesy import Globe
 from wayside.stages.georeference.trajectory import Trajectory
 from wayside.stages.kernels import Array
@@ -119,7 +119,8 @@ class DrivePath:
         near = [self.poses[f] for f in frames[max(0, at - FRAMES_BEFORE) : at + FRAMES_AFTER]]
         centres = np.array([pose.centre for pose in near])
         ups = np.tile([0.0, 0.0, 1.0], (len(near), 1))
-        return frenet_offset(point, centres, ups, np.zeros(len(near)), near[0].rotation[:, 2])
+        along = centres, ups, np.zeros(len(near)), near[0].rotation[:, 2]
+        return frenet_offsets(point[None], *along)[0]
 
 
 def collect(tracked: Iterator[TrackedFrame], record: DriveRecord) -> Iterator[TrackedFrame]:

@@ -195,16 +195,17 @@ def voted_class(
     means = mean_log_probabilities(fit.seen, what)
     if means is not None:
         return VotedClass(names[int(means.argmax())], nan, array("d", means))
-    weights, distances = np.zeros(len(names)), np.full(len(names), np.nan)
-    for frame, own in zip(fit.frames.tolist(), fit.seen, strict=True):
-        held = window[frame]
-        kind = NONE if own["predicted"] else int(getattr(held.candidates, what)[own["candidate"]])
+    weights, distances = [0.0] * len(names), [nan] * len(names)
+    rows, areas = fit.seen["candidate"].tolist(), fit.seen["size"].prod(axis=1).tolist()
+    for frame, row, area in zip(fit.frames.tolist(), rows, areas, strict=True):
+        table = window[frame].candidates
+        kind = getattr(table, what).item(row) if row < len(table) else NONE  # predicted ones follow
         if kind != NONE:
-            weights[kind] += own["size"].prod()
-            distance = getattr(held.candidates, f"{what}_distance")[own["candidate"]]
-            distances[kind] = np.fmin(distances[kind], distance)
-    best = int(weights.argmax())
-    return VotedClass(names[best], float(distances[best])) if weights.any() else VotedClass(None)
+            weights[kind] += area
+            distance = getattr(table, f"{what}_distance").item(row)
+            distances[kind] = float(np.fmin(distances[kind], distance))
+    best = weights.index(max(weights))
+    return VotedClass(names[best], distances[best]) if weights[best] else VotedClass(None)
 
 
 def mean_log_probabilities(seen: NDArray[np.void], what: str) -> NDArray[np.float64] | None:
@@ -212,9 +213,10 @@ def mean_log_probabilities(seen: NDArray[np.void], what: str) -> NDArray[np.floa
 
     A view weighs as it is tall, up to `CLEAR_PX`, less where it is cut; none may rule a class out.
     """
-    seen = seen[~np.isnan(seen[what]).any(axis=1)]
-    if not len(seen):
+    known = ~np.isnan(seen[what]).any(axis=1)
+    if not known.any():
         return None
+    seen = seen[known]
     weight = np.minimum(seen["tall_px"], CLEAR_PX) * np.where(seen["whole"], 1.0, CUT_WEIGHT)
     odds = np.maximum(seen[what], LEAST_LOG_PROBABILITY)
     return np.asarray((weight[:, None] * odds).sum(axis=0) / sum(weight))

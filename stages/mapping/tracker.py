@@ -21,7 +21,7 @@ from wayside.schemas.motion import PosedDetections
 from wayside.schemas.settings import TrackSettings
 from wayside.stages.detection import BoxClassifier
 from wayside.stages.geometry import FrenetOffset
-from wayside.stages.kernels import Array
+from wayside.stages.kernels import Array, Flags
 from wayside.stages.mapping.association import NEAREST_M, Hypotheses, pair_hypotheses
 from wayside.stages.mapping.landmark import build_landmark, measure_landmark
 from wayside.stages.mapping.landmark_evidence import (
@@ -204,8 +204,9 @@ class WindowSolver(ABC):
     def _solve(self, *, last: bool) -> None:
         """Decide the landmarks of the window that the vehicle has passed."""
         passed, ahead = list[LandmarkFit](), list[LandmarkFit]()
-        for fit in self._fits():
-            (passed if last or self._passed(fit) else ahead).append(fit)
+        fits = self._fits()
+        for fit, behind in zip(fits, self._passed(fits), strict=True):
+            (passed if last or behind else ahead).append(fit)
         self._settle(passed, ahead)
         for fit in ahead:
             # views that leave the window though their landmark is still in sight
@@ -213,22 +214,25 @@ class WindowSolver(ABC):
                 if k < WINDOW_STEP:
                     self._window[k].followed["standing"][row] = True
 
-    def _report(self, fit: LandmarkFit, measured: LandmarkMeasurement, **more: Any) -> Landmark:
+    def _report(
+        self, fit: LandmarkFit, measured: LandmarkMeasurement, offset: FrenetOffset, **more: Any
+    ) -> Landmark:
         """Hand a landmark to its first frame, and take its candidates; more: its other columns."""
-        more |= {"track_id": self._next_id, "offset": self._path.offset(measured.point)}
-        landmark = build_landmark(fit, self._window, measured, **more)
+        more["track_id"] = self._next_id
+        landmark = build_landmark(fit, self._window, measured, offset, **more)
         self._window[fit.frames[0]].landmarks.append(landmark)
         for k, row in zip(fit.frames.tolist(), fit.rows.tolist(), strict=True):
             self._window[k].followed["assigned"][row] = True
         self._next_id += 1
         return landmark
 
-    def _passed(self, fit: LandmarkFit) -> bool:
-        """Whether a landmark lies outside the newest image, or too near to be seen in the next."""
-        newest = self._window[-1]
-        x, y, z = newest.motion.pose.to_camera(fit.point)
-        left, top, right, bottom = newest.bounds
-        return bool(z < NEAREST_M or not (left < x / z < right and top < y / z < bottom))
+    def _passed(self, fits: Sequence[LandmarkFit]) -> Flags:
+        """Which landmarks lie outside the newest image, or too near to be seen in the next."""
+        newest, points = self._window[-1], np.reshape([fit.point for fit in fits], (-1, 3))
+        local = newest.motion.pose.to_camera(points)
+        rays, depth, (low, high) = local[:, :2], local[:, 2:], newest.bounds.reshape(2, 2)
+        inside = (depth >= NEAREST_M) & (low * depth < rays) & (rays < high * depth)
+        return np.asarray(~inside.all(axis=1))
 
 
 @dataclass
@@ -264,7 +268,8 @@ class _Tracker(WindowSolver):
 
     def _seen(self, fit: LandmarkFit) -> _Classified:
         """A landmark with the evidence for it but for its surroundings."""
-        return self._classify(fit, self._path.offset(fit.point), view_features(fit, self._window))
+        (offset,) = self._path.offsets([fit.point])
+        return self._classify(fit, offset, view_features(fit, self._window))
 
     def _classify(self, fit: LandmarkFit, offset: FrenetOffset, features: Array) -> _Classified:
         """A landmark with the evidence for it, among the signs that are known by now."""
@@ -332,7 +337,8 @@ class _Tracker(WindowSolver):
         fit, evidence = one.fit, one.evidence
         decided: dict[str, Any] = {"score": evidence.score, "verdict": verdict, "posts": seen.posts}
         shown = {"features": array("d", evidence.features), "evidence": evidence.ratios}
-        landmark = self._report(fit, measured, **decided, **shown)
+        (offset,) = self._path.offsets([measured.point])
+        landmark = self._report(fit, measured, offset, **decided, **shown)
         if verdict == "sign":
             # Its panel as it was measured: boxes around a sign and its plaque would make the plaque a duplicate.
             size = np.array([landmark.width_m, landmark.height_m])

@@ -24,7 +24,7 @@ from wayside.schemas.motion import Motion, PosedDetections
 from wayside.stages.detection import regions_of
 from wayside.stages.geometry import (
     FrenetOffset,
-    frenet_offset,
+    frenet_offsets,
     ideal_points,
     rays_of_ideal,
     to_rays,
@@ -272,9 +272,9 @@ class TravelledPath:
         self._poses.append((motion.pose.centre, -axes[1], axes[2], motion.station_m))
         self._columns = []
 
-    def offset(self, point: NDArray[np.float64]) -> FrenetOffset:
-        """Station and offset of a point (3,) of the drive's frame."""
+    def offsets(self, points: Sequence[NDArray[np.float64]]) -> list[FrenetOffset]:
+        """Stations and offsets of points (3,) of the drive's frame."""
         if not self._columns:  # once for all points that are asked for after a step
             self._columns = [np.array(column) for column in zip(*self._poses, strict=True)]
         centres, ups, ahead, stations = self._columns
-        return frenet_offset(point, centres, ups, stations, ahead[-1])
+        return frenet_offsets(np.reshape(points, (-1, 3)), centres, ups, stations, ahead[-1])

@@ -64,18 +64,18 @@ def match_points(first: Crop, second: Crop, sift: cv2.SIFT, fewest: float) -> tu
     focal, pose = (second.camera.fx, second.camera.fy), (moved.rotation, moved.centre)
     e = pair_residual(start[i], end[j], *pose, focal).reshape(shape)
     i, j = np.nonzero(e < LARGEST_E)
-    point = np.full((*shape, 3), np.nan)
-    point[i, j] = points_of_second(start[i], end[j], *pose)
+    point = points_of_second(start[i], end[j], *pose)
+    i, j, point = (one[np.isfinite(point[:, 2])] for one in (i, j, point))
     # exact: sums of 128 products of whole numbers below 256
     square = (own**2).sum(axis=1)[:, None] + (other**2).sum(axis=1)
-    apart = np.sqrt(square - 2 * own @ other.T)
-    apart[np.isnan(point[:, :, 2])] = np.inf
-    nearest, rows = apart.argmin(axis=1), np.arange(len(start))
-    elsewhere = np.linalg.norm(at[:, None] - at, axis=2) > SAME_PX
-    others = np.where(elsewhere[nearest], apart, np.inf).min(axis=1)
-    mutual = apart.argmin(axis=0)[nearest] == rows
-    rows = rows[mutual & (apart[rows, nearest] < RATIO * others)]
-    return point[rows, nearest[rows]], e[rows, nearest[rows]]
+    apart = np.full(shape, np.inf)
+    apart[i, j] = np.sqrt(square[i, j] - 2 * (own @ other.T)[i, j])
+    nearest, back = apart.argmin(axis=1), apart.argmin(axis=0)
+    elsewhere = ((at[nearest][:, None] - at) ** 2).sum(axis=2) > SAME_PX**2
+    others = np.where(elsewhere, apart, np.inf).min(axis=1)
+    mutual = (nearest[i] == j) & (back[j] == i)
+    match = mutual & (apart[i, j] < RATIO * others[i])
+    return point[match], e[i, j][match]
 
 
 def depth_sigma(point: Array, travel: Array) -> Array:
@@ -134,7 +134,7 @@ def triangulate_points(
             _placed(one, sift, size) if one.verdict == "sign" and len(one.crops) > 1 else one
             for one, size in zip(frame.landmarks, ratios, strict=True)
         )
-        yield replace(frame, landmarks=tuple(replace(one, crops=()) for one in landmarks))
+        yield replace(frame, landmarks=tuple(landmarks))
 
 
 def _placed(one: Landmark, sift: cv2.SIFT, size: float) -> Landmark:
@@ -153,7 +153,7 @@ def _placed(one: Landmark, sift: cv2.SIFT, size: float) -> Landmark:
     rigidity = RIGIDITY * float(np.log1p(max(0.0, fit.evidence.sum())))
     evidence = (*one.evidence, ("size", size), ("rigidity", rigidity))
     if sum(ratio for _, ratio in evidence) < LEAST_EVIDENCE:
-        return replace(one, verdict="residual")
+        return replace(one, verdict="residual", crops=())
     centre *= fit.depth / centre[2]
     point = poses[1].to_world(centre)
     rays = np.full(2, fit.sigma / float(depth_sigma(centre[None], travel)[0]))
@@ -167,6 +167,7 @@ def _placed(one: Landmark, sift: cv2.SIFT, size: float) -> Landmark:
     across = CENTRE_SIGMA * np.array([width, height, 0.0])
     return replace(
         one,
+        crops=(),
         position=position,
         covariance=axes.T @ world @ axes + np.diag(across**2),
         right_m=one.right_m + right,

@@ -12,7 +12,7 @@ import numpy as np
 
 from wayside.schemas.sign_catalogue import SERIES
 from wayside.schemas.signs import Sign
-from wayside.stages.geometry import frenet_offset, turn_deg
+from wayside.stages.geometry import frenet_offsets, turn_deg
 from wayside.stages.georeference import DrivePath
 from wayside.stages.kernels import Array
 
@@ -105,7 +105,7 @@ class PathLine:
         near = slice(*np.searchsorted(self.stations, self.rows[row] + np.array(NEAR_M)))
         ups = np.tile([0.0, 0.0, 1.0], (len(self.points[near]), 1))
         along = self.points[near], ups, self.stations[near]
-        return frenet_offset(point * self.axes, *along, self.ahead).station
+        return frenet_offsets((point * self.axes)[None], *along, self.ahead)[0].station
 
     def radii(self, stations: Array) -> Array:
         """Radius at stations (k,) by the turn over the reach, and its standard deviation, (2, k), metres.
