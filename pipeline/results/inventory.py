@@ -188,7 +188,7 @@ class InventoryWriter:
         return record_batch(OBSERVATIONS, values)
 
     def _write_observations(self, signs: Sequence[Sign]) -> None:
-        names = {sign.landmark.track_id: sign_id(sign, self._log) for sign in signs}
+        names: dict[Any, str] = {s.landmark.track_id: sign_id(s, self._log) for s in signs}
         at = OBSERVATIONS.schema.get_field_index("sign_id")
         tracks = OBSERVATIONS.schema.get_field_index("track_id")
         with (
@@ -197,7 +197,7 @@ class InventoryWriter:
         ):
             waiting: list[pa.RecordBatch] = []
             for batch in pa.ipc.open_stream(scratch):
-                followed = (-1 if t is None else int(t) for t in batch.column(tracks).to_pylist())
+                followed = batch.column(tracks).to_pylist()
                 named = pa.array([names.get(track) for track in followed], pa.string())
                 waiting.append(batch.set_column(at, OBSERVATIONS.schema.field(at), named))
                 if sum(b.num_rows for b in waiting) >= _BATCH_ROWS:

@@ -92,11 +92,6 @@ class Association(NamedTuple):
     missed: Numbers
     value: Array
 
-    def likely_values(self, fewest_views: int) -> Array:
-        """The values (m,); -inf where the views are too few, or their sum too low for a landmark."""
-        likely = ((self.row >= 0).sum(axis=1) >= fewest_views) & (self.value > LEAST_SUM)
-        return np.where(likely, self.value, -np.inf)
-
 
 def pair_hypotheses(
     c: WindowCandidates, older: range, newer: int, gap_px: float, likely: Numbers | None = None
@@ -162,29 +157,15 @@ def _meet(
     return count
 
 
-def associate(
-    candidates: WindowCandidates, hypotheses: Hypotheses, free: Flags, gap_px: float
-) -> Association:
-    """Best free candidate of each frame for each hypothesis, by where and how large it must appear.
-
-    `free` (N,): rows of the window that may be used. `gap_px`: largest gap of a view, pixels, before the share of its
-    height.
-
-    Raises ValueError where `free` has another length: the kernel checks no bounds.
-    """
-    if free.shape != candidates.table.shape:
-        raise ValueError(f"free has shape {free.shape} instead of {candidates.table.shape}")
-    m, n = len(hypotheses.point), len(candidates.rotation)
-    found = Association(np.empty((m, n), np.int32), np.empty(m, np.int64), np.empty(m))
-    associate_free(candidates, hypotheses.point, hypotheses.size, free, gap_px, found)
-    return found
-
-
 @compiled
 def associate_free(
     c: WindowCandidates, point: Array, size: Array, free: Flags, gap_px: float, found: Association
 ) -> None:
-    """Kernel of `associate`, for other kernels: fills what it found."""
+    """Best free candidate of each frame for each hypothesis, by where and how large it must appear: fills `found`.
+
+    `free` (N,): rows of the window that may be used. `gap_px`: largest gap of a view, pixels, before the share of its
+    height.
+    """
     rays, sizes, scores = c.ray, c.table["size"], c.table["score"]
     for m in range(point.shape[0]):
         wide, tall = size[m, 0], size[m, 1]

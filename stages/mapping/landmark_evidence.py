@@ -202,10 +202,9 @@ def voted_class(
         kind = getattr(table, what).item(row) if row < len(table) else NONE  # predicted ones follow
         if kind != NONE:
             weights[kind] += area
-            distance = getattr(table, f"{what}_distance").item(row)
-            distances[kind] = float(np.fmin(distances[kind], distance))
+            distances[kind] = np.fmin(distances[kind], getattr(table, f"{what}_distance")[row])
     best = weights.index(max(weights))
-    return VotedClass(names[best], distances[best]) if weights[best] else VotedClass(None)
+    return VotedClass(names[best], float(distances[best])) if weights[best] else VotedClass(None)
 
 
 def mean_log_probabilities(seen: NDArray[np.void], what: str) -> NDArray[np.float64] | None:
@@ -213,10 +212,9 @@ def mean_log_probabilities(seen: NDArray[np.void], what: str) -> NDArray[np.floa
 
     A view weighs as it is tall, up to `CLEAR_PX`, less where it is cut; none may rule a class out.
     """
-    known = ~np.isnan(seen[what]).any(axis=1)
-    if not known.any():
+    seen = seen[~np.isnan(seen[what]).any(axis=1)]
+    if not len(seen):
         return None
-    seen = seen[known]
     weight = np.minimum(seen["tall_px"], CLEAR_PX) * np.where(seen["whole"], 1.0, CUT_WEIGHT)
     odds = np.maximum(seen[what], LEAST_LOG_PROBABILITY)
     return np.asarray((weight[:, None] * odds).sum(axis=0) / sum(weight))

@@ -1,20 +1,18 @@
 """Landmarks fitted to their views, point, covariance and metric size, and accepted best first."""
 
 from dataclasses import dataclass
-from math import inf
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.settings import TrackSettings
-from wayside.stages.kernels import Array, compiled, compiled_within
+from wayside.stages.kernels import Array, Numbers, compiled, compiled_within, require_array
 from wayside.stages.mapping.association import (
     LEAST_SUM,
     Association,
     Hypotheses,
     WindowCandidates,
-    associate,
     associate_free,
 )
 from wayside.stages.mapping.triangulation import Views, projected, solve_point
@@ -80,7 +78,7 @@ class LandmarkFit:
 
 
 class _Fit(NamedTuple):
-    """A hypothesis in the kernels: row (n,) of candidates, as found again, views (4, n): residual, depth, sigmas."""
+    """Hypotheses in the kernels, or one: row (n,), as found again, views (4, n): residual, depth, sigmas."""
 
     row: NDArray[np.int32]
     found: Association
@@ -100,57 +98,77 @@ def accept_greedily(
 ) -> list[LandmarkFit]:
     """Landmarks of a window, best first; each removes its candidates from the rest.
 
-    Other boxes on a face make landmarks of their own: which one is the face, all evidence decides
-    (`verdicts.same_face`).
+    They are fitted and associated again until their views stay the same. Those that have too few views, or whose rays
+    do not meet ahead, are left out. Other boxes on a face make landmarks of their own: which one is the face, all
+    evidence decides (`verdicts.same_face`).
 
     free (N,): candidates of the window that may be used. box_sigma: scatter of the centres of boxes, as `BOX_SIGMA`.
+    Raises ValueError where `free` has another length: the kernels check no bounds.
     """
-    left, fits = free.copy(), list[LandmarkFit]()
-    found = associate(candidates, hypotheses, left, settings.gap_px)
-    row, value = found.row, found.likely_values(settings.fewest_views)
-    while (value > -inf).any():
-        best = int(value.argmax())
-        value[best] = -inf
-        fit = fit_hypothesis(candidates, row[best], left, settings, box_sigma)
-        if fit is None or fit.value <= LEAST_SUM:
-            continue
-        fits.append(fit)
-        taken = candidates.first[fit.frames] + fit.rows
-        left[taken] = False
-        again = np.flatnonzero((row[:, fit.frames] == taken).any(axis=1) & (value > -inf))
-        if len(again):
-            found = associate(candidates, hypotheses.select(again), left, settings.gap_px)
-            row[again], value[again] = found.row, found.likely_values(settings.fewest_views)
+    require_array(free, "free", np.bool_, candidates.table.shape)
+    m, n = len(hypotheses), len(candidates.rotation)
+    found = Association(np.empty((m, n), np.int32), np.empty(m, np.int64), np.empty(m))
+    where, shapes = (hypotheses.point, hypotheses.size), ((4, n), (1, 3), (3, 3), (1, 2), (2,))
+    associate_free(candidates, *where, free, settings.gap_px, found)
+    again = Association(found.row[:, None], found.missed[:, None], found.value[:, None])
+    fit = _Fit(np.empty((m, n), np.int32), again, *(np.empty((m, *shape)) for shape in shapes))
+    limits, fits = (settings.fewest_views, settings.gap_px, box_sigma), list[LandmarkFit]()
+    points, sizes = (one[:, None] for one in where)
+    for k in _accept(candidates, points, sizes, free.copy(), *limits, fit).tolist():
+        frames = np.flatnonzero(fit.row[k] >= 0)
+        rows, count = fit.row[k, frames].astype(np.int64), len(frames)
+        seen, used = candidates.table[rows], np.arange(count) >= count - FITTED_VIEWS
+        residual_px, depth, weight_sigma, ray_sigma = fit.views[k, :, :count].copy()
+        views = frames, rows - candidates.first[frames], seen, used
+        fitted = fit.point[k, 0], fit.covariance[k], residual_px, depth, fit.metric[k, 0]
+        total = found.missed.item(k), found.value.item(k), bool(seen["back"][0])
+        fits.append(LandmarkFit(*views, *fitted, fit.spread[k], weight_sigma, ray_sigma, *total))
     return fits
 
 
-def fit_hypothesis(
-    candidates: WindowCandidates,
-    row: NDArray[np.int32],
-    free: NDArray[np.bool_],
-    settings: TrackSettings,
-    box_sigma: tuple[float, float] = BOX_SIGMA,
-) -> LandmarkFit | None:
-    """Fit a landmark to the candidate of each frame or -1 (n,) and associate again, until the views stay the same.
-
-    None where it has too few views, or the rays do not meet ahead. The others as in `accept_greedily`.
-    """
-    shapes = (4, len(row)), (1, 3), (3, 3), (1, 2), (2,)
-    found = Association(row[None].copy(), np.zeros(1, np.int64), np.zeros(1))
-    fit = _Fit(row.copy(), found, *map(np.empty, shapes))
-    if not _fit(candidates, free, settings.fewest_views, settings.gap_px, box_sigma, fit):
-        return None
-    frames = np.flatnonzero(fit.row >= 0)
-    rows, count = fit.row[frames].astype(np.int64), len(frames)
-    seen, used = candidates.table[rows], np.arange(count) >= count - FITTED_VIEWS
-    residual_px, depth, weight_sigma, ray_sigma = fit.views[:, :count]
-    views = frames, rows - candidates.first[frames], seen, used
-    fitted = fit.point[0], fit.covariance, residual_px, depth, fit.metric[0], fit.spread
-    total = int(found.missed[0]), float(found.value[0]), bool(seen["back"][0])
-    return LandmarkFit(*views, *fitted, weight_sigma, ray_sigma, *total)
-
-
 @compiled
+def _accept(
+    c: WindowCandidates,
+    points: Array,
+    sizes: Array,
+    free: NDArray[np.bool_],
+    fewest: int,
+    gap_px: float,
+    box_sigma: tuple[float, float],
+    fits: _Fit,
+) -> Numbers:
+    """Fit hypotheses, best first, and associate those again that lose a candidate to one; numbers of those that fit."""
+    found, (m, n), count = fits.found, fits.row.shape, 0
+    order, value = np.empty(m, np.int64), found.value.copy()
+    while count < m:
+        best = np.argmax(value)
+        if value[best, 0] <= LEAST_SUM:
+            break
+        value[best, 0] = -np.inf
+        own, row = (
+            Association(found.row[best], found.missed[best], found.value[best]),
+            fits.row[best],
+        )
+        shown = fits.views[best], fits.point[best], fits.covariance[best]
+        fit = _Fit(row, own, shown[0], shown[1], shown[2], fits.metric[best], fits.spread[best])
+        row[:] = own.row[0]
+        if not _fit(c, free, fewest, gap_px, box_sigma, fit) or own.value[0] <= LEAST_SUM:
+            continue
+        order[count] = best
+        count += 1
+        free[row[row >= 0]] = False
+        for k in range(m):
+            shared = 0
+            for frame in range(n):
+                shared += row[frame] >= 0 and found.row[k, 0, frame] == row[frame]
+            if shared and value[k, 0] > LEAST_SUM:
+                own = Association(found.row[k], found.missed[k], found.value[k])
+                associate_free(c, points[k], sizes[k], free, gap_px, own)
+                value[k, 0] = own.value[0]
+    return order[:count]
+
+
+@compiled_within
 def _fit(
     c: WindowCandidates,
     free: NDArray[np.bool_],

@@ -214,12 +214,9 @@ class WindowSolver(ABC):
                 if k < WINDOW_STEP:
                     self._window[k].followed["standing"][row] = True
 
-    def _report(
-        self, fit: LandmarkFit, measured: LandmarkMeasurement, offset: FrenetOffset, **more: Any
-    ) -> Landmark:
+    def _report(self, fit: LandmarkFit, measured: LandmarkMeasurement, **more: Any) -> Landmark:
         """Hand a landmark to its first frame, and take its candidates; more: its other columns."""
-        more["track_id"] = self._next_id
-        landmark = build_landmark(fit, self._window, measured, offset, **more)
+        landmark = build_landmark(fit, self._window, measured, track_id=self._next_id, **more)
         self._window[fit.frames[0]].landmarks.append(landmark)
         for k, row in zip(fit.frames.tolist(), fit.rows.tolist(), strict=True):
             self._window[k].followed["assigned"][row] = True
@@ -229,10 +226,9 @@ class WindowSolver(ABC):
     def _passed(self, fits: Sequence[LandmarkFit]) -> Flags:
         """Which landmarks lie outside the newest image, or too near to be seen in the next."""
         newest, points = self._window[-1], np.reshape([fit.point for fit in fits], (-1, 3))
-        local = newest.motion.pose.to_camera(points)
-        rays, depth, (low, high) = local[:, :2], local[:, 2:], newest.bounds.reshape(2, 2)
-        inside = (depth >= NEAREST_M) & (low * depth < rays) & (rays < high * depth)
-        return np.asarray(~inside.all(axis=1))
+        local, (low, high) = newest.motion.pose.to_camera(points), newest.bounds.reshape(2, 2)
+        rays = local[:, :2] / local[:, 2:]
+        return (local[:, 2] < NEAREST_M) | ~((low < rays) & (rays < high)).all(axis=1)
 
 
 @dataclass
@@ -260,16 +256,16 @@ class _Tracker(WindowSolver):
         settled = list[int]()
         for k, one in enumerate(ranked):
             rivals = np.flatnonzero(near[k] & one.accepted)
-            if any(self._seen(ahead[other]).accepted for other in rivals):
+            if any(rival.accepted for rival in self._seen([ahead[other] for other in rivals])):
                 ahead.append(one.fit)
             else:
                 settled.append(k)
         self._decide([ranked[k] for k in settled], boxes.select(settled))
 
-    def _seen(self, fit: LandmarkFit) -> _Classified:
-        """A landmark with the evidence for it but for its surroundings."""
-        (offset,) = self._path.offsets([fit.point])
-        return self._classify(fit, offset, view_features(fit, self._window))
+    def _seen(self, fits: Sequence[LandmarkFit]) -> list[_Classified]:
+        """Landmarks with the evidence for each but for its surroundings."""
+        placed = zip(fits, self._path.offsets([fit.point for fit in fits]), strict=True)
+        return [self._classify(f, offset, view_features(f, self._window)) for f, offset in placed]
 
     def _classify(self, fit: LandmarkFit, offset: FrenetOffset, features: Array) -> _Classified:
         """A landmark with the evidence for it, among the signs that are known by now."""
@@ -288,8 +284,7 @@ class _Tracker(WindowSolver):
 
     def _ranked(self, fits: Sequence[LandmarkFit]) -> list[_Classified]:
         """Landmarks, likeliest signs first; the surroundings of what cannot be a sign without them are not measured."""
-        found = [self._seen(fit) for fit in fits]
-        found = [self._surrounded(one) if one.accepted else one for one in found]
+        found = [self._surrounded(one) if one.accepted else one for one in self._seen(fits)]
         return sorted(found, key=lambda one: -one.evidence.log_odds)
 
     def _decide(self, ranked: Sequence[_Classified], boxes: FaceBoxes) -> None:
@@ -337,8 +332,8 @@ class _Tracker(WindowSolver):
         fit, evidence = one.fit, one.evidence
         decided: dict[str, Any] = {"score": evidence.score, "verdict": verdict, "posts": seen.posts}
         shown = {"features": array("d", evidence.features), "evidence": evidence.ratios}
-        (offset,) = self._path.offsets([measured.point])
-        landmark = self._report(fit, measured, offset, **decided, **shown)
+        (decided["offset"],) = self._path.offsets([measured.point])
+        landmark = self._report(fit, measured, **decided, **shown)
         if verdict == "sign":
             # Its panel as it was measured: boxes around a sign and its plaque would make the plaque a duplicate.
             size = np.array([landmark.width_m, landmark.height_m])

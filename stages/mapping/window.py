@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from math import nan
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -263,18 +263,15 @@ class TravelledPath:
     """The last stretch of the chain of camera centres."""
 
     def __init__(self, longest: int) -> None:
-        self._poses: deque[tuple[Any, ...]] = deque(maxlen=longest)
-        self._columns: list[NDArray[np.float64]] = []
+        self._motions: deque[Motion] = deque(maxlen=longest)
 
     def append(self, motion: Motion) -> None:
         """Go one frame further."""
-        axes = motion.pose.rotation.T
-        self._poses.append((motion.pose.centre, -axes[1], axes[2], motion.station_m))
-        self._columns = []
+        self._motions.append(motion)
 
     def offsets(self, points: Sequence[NDArray[np.float64]]) -> list[FrenetOffset]:
         """Stations and offsets of points (3,) of the drive's frame."""
-        if not self._columns:  # once for all points that are asked for after a step
-            self._columns = [np.array(column) for column in zip(*self._poses, strict=True)]
-        centres, ups, ahead, stations = self._columns
-        return frenet_offsets(np.reshape(points, (-1, 3)), centres, ups, stations, ahead[-1])
+        stations = np.array([one.station_m for one in self._motions])
+        rotations = np.array([one.pose.rotation for one in self._motions])
+        along = np.array([one.pose.centre for one in self._motions]), -rotations[:, :, 1], stations
+        return frenet_offsets(np.reshape(points, (-1, 3)), *along, rotations[-1, :, 2])

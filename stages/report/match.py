@@ -179,15 +179,14 @@ class _Matcher(WindowSolver):
 
     def _settle(self, passed: list[LandmarkFit], ahead: list[LandmarkFit]) -> None:
         """Give landmarks to their frames; SIFT points measure those that a gate accepts."""
-        offsets = self._path.offsets([fit.point for fit in passed])
-        for fit, offset in zip(passed, offsets, strict=True):
+        for fit, offset in zip(passed, self._path.offsets([f.point for f in passed]), strict=True):
             measured = LandmarkMeasurement(fit.point, fit.covariance, box_panel(fit))
             views = [(self._window[k], row) for k, row in zip(fit.frames, fit.rows, strict=True)]
             look, many = APPEARANCE * fit.seen["score"].mean(), VIEWS * np.log(len(views))
             self._report(
                 fit,
                 measured,
-                offset,
+                offset=offset,
                 score=np.nan,
                 verdict="sign",
                 evidence=(("appearance", float(look)), ("views", float(many))),

@@ -49,15 +49,14 @@ def match_points(first: Crop, second: Crop, sift: cv2.SIFT, fewest: float) -> tu
     Points match that are each other's nearest among those on each other's epipolar lines and ahead of both cameras.
     None where a view has none or fewer than `fewest`, of most evidence with the centre: too few for a sign.
     """
-    places, rays, described = (list[Any]() for _ in range(3))
+    views = list[Any]()
     for crop in (first, second):
         found, codes = sift.detectAndCompute(crop.grey, None)
         if len(found) < max(1, fewest):
             return np.zeros((0, 3)), np.zeros(0)
-        places.append(np.asarray(cv2.KeyPoint.convert(found), np.float64))
-        rays.append(to_rays(crop.camera, places[-1] + crop.corner))
-        described.append(codes)
-    (start, end), (own, other), at = rays, described, places[1]
+        place = np.asarray(cv2.KeyPoint.convert(found), np.float64)
+        views.append((place, to_rays(crop.camera, place + crop.corner), codes))
+    (_, start, own), (at, end, other) = views
     moved = second.motion.pose.relative_to(first.motion.pose)
     shape = len(start), len(end)
     i, j = (numbers.ravel() for numbers in np.indices(shape))
@@ -65,7 +64,8 @@ def match_points(first: Crop, second: Crop, sift: cv2.SIFT, fewest: float) -> tu
     e = pair_residual(start[i], end[j], *pose, focal).reshape(shape)
     i, j = np.nonzero(e < LARGEST_E)
     point = points_of_second(start[i], end[j], *pose)
-    i, j, point = (one[np.isfinite(point[:, 2])] for one in (i, j, point))
+    ahead = np.isfinite(point[:, 2])
+    i, j, point = i[ahead], j[ahead], point[ahead]
     # exact: sums of 128 products of whole numbers below 256
     square = (own**2).sum(axis=1)[:, None] + (other**2).sum(axis=1)
     apart = np.full(shape, np.inf)
@@ -73,8 +73,7 @@ def match_points(first: Crop, second: Crop, sift: cv2.SIFT, fewest: float) -> tu
     nearest, back = apart.argmin(axis=1), apart.argmin(axis=0)
     elsewhere = ((at[nearest][:, None] - at) ** 2).sum(axis=2) > SAME_PX**2
     others = np.where(elsewhere, apart, np.inf).min(axis=1)
-    mutual = (nearest[i] == j) & (back[j] == i)
-    match = mutual & (apart[i, j] < RATIO * others[i])
+    match = (nearest[i] == j) & (back[j] == i) & (apart[i, j] < RATIO * others[i])
     return point[match], e[i, j][match]
 
 

@@ -4,9 +4,9 @@ import numpy as np
 
 from wayside.schemas.models import EvidenceModel
 from wayside.schemas.settings import TrackSettings
-from wayside.stages.mapping.association import WindowCandidates
+from wayside.stages.mapping.association import WindowCandidates, pair_hypotheses
 from wayside.stages.mapping.landmark_evidence import FEATURES
-from wayside.stages.mapping.landmark_fit import fit_hypothesis
+from wayside.stages.mapping.landmark_fit import accept_greedily
 from wayside.stages.mapping.window import FOLLOWED
 
 GAP_PX = TrackSettings().gap_px
@@ -31,8 +31,11 @@ def window(boxes, noise_px=0.0):
 
 def fitted(candidates):
     """The landmark of the first candidate of each frame that has one."""
-    row = np.where(np.diff(candidates.first) > 0, candidates.first[:-1], -1).astype(np.int32)
-    return fit_hypothesis(candidates, row, np.ones(len(candidates.table), bool), TrackSettings())
+    frames, free = np.flatnonzero(np.diff(candidates.first)), np.zeros(len(candidates.table), bool)
+    free[first := candidates.first[frames]] = True
+    older, newer = range(frames[0], frames[-1]), frames[-1]
+    _, found = pair_hypotheses(candidates, older, newer, GAP_PX, first[[[0, -1]]])
+    return next(iter(accept_greedily(candidates, found, free, TrackSettings())), None)
 
 
 def standing(panels, frames):

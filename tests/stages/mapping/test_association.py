@@ -4,14 +4,21 @@ import pytest
 from wayside.stages.mapping.association import (
     MISS_COST,
     VALUE_SHIFT,
+    Association,
     Hypotheses,
-    associate,
+    associate_free,
     pair_hypotheses,
 )
 
 from .made_windows import GAP_PX, standing, window
 
 PANEL = (3.5, -1.0, 60.0, 0.7, 0.7, 1.0)
+
+
+def associate(s, landmark, free, gap_px):
+    found = Association(np.empty((1, len(s.rotation)), np.int32), np.empty(1, int), np.empty(1))
+    associate_free(s, landmark.point, landmark.size, free, gap_px, found)
+    return found
 
 
 def paired(boxes):
@@ -67,7 +74,6 @@ def test_assigned_candidates_are_not_associated_and_missed():
     assert found.row.tolist() == [[0, -1, 2]]
     assert found.missed.tolist() == [1]
     assert all_free.value[0] - found.value[0] == pytest.approx(1.0 + VALUE_SHIFT + MISS_COST)
-    assert [found.likely_values(k)[0] for k in (2, 3)] == [found.value[0], -np.inf]
 
 
 def test_of_two_boxes_at_the_point_the_better_scored_is_associated():
@@ -81,8 +87,3 @@ def test_a_point_outside_the_image_is_not_expected():
     landmark = hypothesis([6.0, -1.0, 30.0])
     found = associate(window([[], [], [], []]), landmark, np.zeros(0, bool), GAP_PX)
     assert found.missed.tolist() == [3]
-
-
-def test_a_length_that_the_kernel_would_run_over_is_refused():
-    with pytest.raises(ValueError, match="free has shape"):
-        associate(window(standing([PANEL], 3)), hypothesis(), np.ones(2, bool), GAP_PX)

@@ -42,6 +42,12 @@ def test_noise_of_a_pixel_moves_a_landmark_as_its_covariance_says():
     assert fit.rms_px < 2
 
 
+def test_a_length_that_the_kernels_would_run_over_is_refused():
+    candidates, nothing = window(standing([], 3)), Hypotheses(*np.empty((2, 0, 3)), np.empty(0))
+    with pytest.raises(ValueError, match="free"):
+        accept_greedily(candidates, nothing, np.ones(2, bool), TrackSettings())
+
+
 def test_too_few_views_make_no_landmark():
     assert accepted([(3.5, -1.0, 60, 0.7, 0.7, 2.0)], fewest=FRAMES + 1) == []
 
@@ -57,5 +63,4 @@ def test_the_size_is_the_median_of_the_nearest_whole_views():
 
 
 def test_nearly_parallel_rays_make_no_landmark():
-    candidates = window(standing([(3.5, -1.0, 5e6, 1e5, 1e5, 1.0)], 2))
-    assert fitted(candidates) is None
+    assert fitted(window(standing([(3.5, -1.0, 5e6, 1e5, 1e5, 1.0)], 2))) is None

@@ -74,11 +74,8 @@ def test_the_gradients_of_an_edge_stand_in_the_cells_and_the_direction_of_the_ed
     assert found[:, 1:3, 3:6].max() == 0
 
 
-REPORT = TrackSettings(fewest_views=2)
-
-
 def run(frames):
-    return list(match_segments(iter(frames), REPORT))
+    return list(match_segments(iter(frames), TrackSettings(fewest_views=2)))
 
 
 def test_a_panel_is_placed_by_the_views_that_show_it():

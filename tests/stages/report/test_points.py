@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from wayside.schemas.frame import Pose
-from wayside.schemas.landmarks import Crop, TrackedFrame
+from wayside.schemas.landmarks import Crop
 from wayside.schemas.models import GaussianClass, GaussianModel
 from wayside.stages.geometry import pair_midpoint
+from wayside.stages.mapping.window import untracked
 from wayside.stages.report import merge_segments, triangulate_points
 from wayside.stages.report.points import LEAST_EVIDENCE, SIZE_SIGMA, depth_sigma, fit_depth
 
@@ -23,10 +24,7 @@ ALIKE = GaussianModel("log_m", (LARGE,), "", (LARGE,))
 def placed(behind=lambda square: 0.0, seeds=(0, 0), lower_px=0.0, sizes=ALIKE):
     """A landmark of a face of 1 m after two views of it: `behind(k)` is how far its k-th square of 16 is behind it."""
     frames = drive([], 2)
-    crops = [
-        shown(frame, texture(256, 256, seed), behind)
-        for frame, seed in zip(frames, seeds, strict=True)
-    ]
+    crops = [shown(f, texture(256, 256, s), behind) for f, s in zip(frames, seeds, strict=True)]
     crops[1] = replace(crops[1], corner=crops[1].corner + np.array([0.0, lower_px]))
     seen = made_landmark(
         position=1.1 * (FACE - frames[1].motion.pose.centre),
@@ -40,11 +38,7 @@ def placed(behind=lambda square: 0.0, seeds=(0, 0), lower_px=0.0, sizes=ALIKE):
 
 
 def tracked_frame(posed, *landmarks):
-    candidates = posed.detections.candidates
-    none = np.zeros(len(candidates))
-    return TrackedFrame(
-        posed.frame, posed.motion, candidates, none.astype(np.int32), none, 0, tuple(landmarks)
-    )
+    return replace(untracked(posed, posed.detections.candidates), landmarks=landmarks)
 
 
 def shown(frame, face, behind):
