@@ -44,7 +44,7 @@ def sign_at(station, code=None, *, path, status="sign", **changes):
     place = np.array([right, -0.5, station - frame * STEP_M])
     seen = {"station_m": station, "best_frame": frame, "position": place}
     seen["covariance"] = np.diag([0.01, 0.01, OWN_M**2])
-    number = int(station * 100)
+    number = round(station * 100)
     (sign,) = place_signs(iter([made_landmark(track_id=number, **seen | changes)]), path, 0.5)
     coded = None if code is None else SignCode("us", code, None, 0.99, None)
     named = {"number": number, "assembly": changes.get("assembly", number)}
