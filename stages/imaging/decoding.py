@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from io import BytesIO
 
@@ -90,24 +91,21 @@ def decode(frames: Iterator[Frame], balance: BalanceSettings | None = None) -> I
 def decode_pixels(frame: Frame) -> tuple[str, NDArray[np.uint8] | None]:
     """Status and pixels of one frame, (height, width, 3) uint8 RGB, C-contiguous; None where they cannot all be had."""
     data = np.frombuffer(frame.data, np.uint8)
-    rgb = None
-    try:
+    with suppress(cv2.error, ValueError):
         if _DEEP.sub(r"\g<1>8", frame.encoding.lower()) in _RAW_CHANNELS:
-            rgb = _raw_pixels(frame)
-        elif data.size and frame.width > 0 and frame.height > 0:
+            return USED, _raw_pixels(frame)
+        if data.size and frame.width > 0 and frame.height > 0:
             if data[:2].tobytes() == _JPEG:
                 return _jpeg_pixels(bytes(frame.data))
             decoded = cv2.imdecode(data, _AS_STORED)
-            if decoded is not None and data[:4].tobytes() in _TIFF and not _is_whole_tiff(data):
-                return DAMAGED, None
-            rgb = None if decoded is None else np.ascontiguousarray(decoded, np.uint8)
-    except (cv2.error, ValueError):
-        rgb = None
-    return (UNDECODABLE, None) if rgb is None else (USED, rgb)
+            if decoded is not None:
+                whole = data[:4].tobytes() not in _TIFF or _is_whole_tiff(data)
+                return (USED, np.ascontiguousarray(decoded)) if whole else (DAMAGED, None)
+    return UNDECODABLE, None
 
 
 def _jpeg_pixels(data: bytes) -> tuple[str, NDArray[np.uint8] | None]:
-    """Status and pixels of a JPEG.
+    """Status and pixels of a JPEG; raises ValueError where its header cannot be read.
 
     libjpeg fills what is missing or cannot be read with grey and warns; simplejpeg, the same decoder with the same
     pixels as OpenCV's, hands the warnings on. What no decoder notices is a damaged coefficient whose code is valid.
@@ -115,10 +113,7 @@ def _jpeg_pixels(data: bytes) -> tuple[str, NDArray[np.uint8] | None]:
     pairs = (np.frombuffer(data, "<u2", (len(data) - k) // 2, k) for k in (0, 1))
     if sum(np.count_nonzero(two == _SCAN) for two in pairs) > _MOST_SCANS:
         return UNDECODABLE, None
-    try:
-        _, _, colors, _ = simplejpeg.decode_jpeg_header(data)
-    except ValueError:
-        return UNDECODABLE, None
+    _, _, colors, _ = simplejpeg.decode_jpeg_header(data)
     if str(colors).upper() in ("CMYK", "YCCK"):
         # without an end after its last scan, a decoder fills the rest with grey without an error
         cut_short = data.rfind(_END_OF_JPEG) < data.rfind(_START_OF_SCAN)

@@ -15,8 +15,7 @@ def halved(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
     if height == 0 or width == 0:
         return np.zeros((0, 0, 3), np.uint8)
     even = rgb[: 2 * height, : 2 * width]
-    small = cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA)
-    return np.asarray(small, np.uint8)
+    return np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def enlarged(rgb: NDArray[np.uint8], times: int) -> NDArray[np.uint8]:
