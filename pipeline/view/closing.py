@@ -43,6 +43,8 @@ GATE_NAMES = {
     ),
 }
 """Names of a stage's numbers, in the order in which its view gives them."""
+Rows = Sequence[Mapping[str, Any]]
+"""Of `signs.parquet`."""
 MARK = rr.Radius.ui_points(6)
 """Of a landmark in space: on the screen the same from any distance, where a panel of 0.7 m is a few pixels."""
 LEAST_HALF_AXIS_M = 0.02
@@ -60,12 +62,11 @@ def opening(location: GaussianModel) -> Batch:
     for stage, names in GATE_NAMES.items():
         lines = rr.SeriesLines(names=[f"{stage}: {name}" for name in names])
         found.append(Entity(f"{at.GATES}/{stage}", lines))
-    for name, ink in (("straight", BEFORE), ("adjusted", AFTER)):
-        lines = rr.SeriesLines(colors=[ink], names=[name])
-        found.append(Entity(f"{at.RESIDUALS}/{name}", lines))
-    for name, ink in (("before", BEFORE), ("after", AFTER)):
-        dots = rr.SeriesPoints(colors=[ink], names=[name])
-        found.append(Entity(f"{at.WINDOW_RESIDUALS}/{name}", dots))
+    for line, dot, ink in (("straight", "before", BEFORE), ("adjusted", "after", AFTER)):
+        lines = rr.SeriesLines(colors=[ink], names=[line])
+        dots = rr.SeriesPoints(colors=[ink], names=[dot])
+        found.append(Entity(f"{at.RESIDUALS}/{line}", lines))
+        found.append(Entity(f"{at.WINDOW_RESIDUALS}/{dot}", dots))
     return Batch(None, tuple(found))
 
 
@@ -80,11 +81,12 @@ def closing(
     inventory: WrittenTables, state: ViewState, times: Mapping[int, Times]
 ) -> Iterator[Batch]:
     """Entities that are known only at the end of the drive: the table, the map, and each sign."""
-    yield Batch(None, tuple(_table_and_map(inventory)))
+    rows = inventory.sign_rows
+    yield Batch(None, tuple(_table_and_map(inventory, rows)))
     yield Batch(None, tuple(_ground(inventory, state)))
-    if inventory.signs and times:
-        yield from _names(inventory, times)
-    for row, sign in zip(inventory.sign_rows, inventory.signs, strict=True):
+    if rows and times:
+        yield from _names(rows, [sign.landmark for sign in inventory.signs], times)
+    for row, sign in zip(rows, inventory.signs, strict=True):
         part = rr.escape_entity_path_part(row["sign_id"])
         name = " ".join(filter(None, (row["sign_id"], code_of(row))))
         yield from _chain(part, name, sign.landmark, state, times)
@@ -97,8 +99,8 @@ def closing(
         yield Batch(None, tuple(found))
 
 
-def _table_and_map(inventory: WrittenTables) -> Iterator[Entity]:
-    signs, landmarks = inventory.sign_rows, [sign.landmark for sign in inventory.signs]
+def _table_and_map(inventory: WrittenTables, signs: Rows) -> Iterator[Entity]:
+    landmarks = [sign.landmark for sign in inventory.signs]
     posts = [] if inventory.sections is None else posts_rows(inventory.signs, inventory.log)
     table = rr.TextDocument(inventory_table(signs, posts), media_type="text/markdown")
     yield Entity(at.INVENTORY, table)
@@ -133,40 +135,37 @@ def _ground(inventory: WrittenTables, state: ViewState) -> Iterator[Entity]:
     yield Entity(f"{at.GROUND}/hidden", hidden)
 
 
-def _names(inventory: WrittenTables, times: Mapping[int, Times]) -> Iterator[Batch]:
+def _names(signs: Rows, landmarks: list[Landmark], times: Mapping[int, Times]) -> Iterator[Batch]:
     """Every sign marked in its colour; in white the names of all, and frame by frame of those in view.
 
     Panels of one assembly share a name, which would lie on each other. The viewer writes a label in the colour of its
     point, and brown or blue words are not readable on a dark ground: names are points of their own. Rows without a
     confidence are too many to be named: their names and residuals show under the pointer.
     """
-    landmarks = [sign.landmark for sign in inventory.signs]
     centres = np.array([centre_of(one) for one in landmarks])
     inks = [landmark_color(one) for one in landmarks]
     panels: dict[str, list[int]] = {}
-    for i, row in enumerate(inventory.sign_rows):
+    for i, row in enumerate(signs):
         panels.setdefault(row["assembly_id"], []).append(i)
-    words = [", ".join(sign_name(inventory.sign_rows[i]) for i in own) for own in panels.values()]
+    words = [", ".join(sign_name(signs[i]) for i in own) for own in panels.values()]
     places = np.array([centres[own].mean(axis=0) for own in panels.values()])
-    seen = [[landmarks[i].views for i in own] for own in panels.values()]
-    spans = [(min(v[0].frame for v in one), max(v[-1].frame for v in one)) for one in seen]
+    first = np.array([min(signs[i]["first_frame"] for i in own) for own in panels.values()])
+    last = np.array([max(signs[i]["last_frame"] for i in own) for own in panels.values()])
 
-    def named(rows: Sequence[int]) -> rr.Points3D:
-        labels = [words[i] for i in rows]
-        spots = places[list(rows)].reshape(-1, 3)
+    def named(rows: NDArray[np.intp]) -> rr.Points3D:
+        spots, labels = places[rows], [words[i] for i in rows]
         return rr.Points3D(spots, colors=[WHITE], labels=labels, show_labels=True, radii=THIN)
 
-    pairs = zip(inventory.sign_rows, landmarks, strict=True)
+    pairs = zip(signs, landmarks, strict=True)
     hidden = [f"{sign_name(row)}, residual {one.residual_px:.2f} px" for row, one in pairs]
     points = rr.Points3D(centres, colors=inks, radii=MARK, labels=hidden, show_labels=False)
-    marks = Entity(at.MARKS, points)
+    yield Batch(None, (Entity(at.MARKS, points),))
     if np.isnan([one.score for one in landmarks]).all():
-        yield Batch(None, (marks,))
         return
-    yield Batch(None, (marks, Entity(at.NAMES, named(range(len(words))))))
+    yield Batch(None, (Entity(at.NAMES, named(np.arange(len(words)))),))
     for frame in sorted(times):
-        shown = [i for i, (first, last) in enumerate(spans) if first <= frame <= last]
-        yield Batch(times[frame], (Entity(at.NAMES_IN_VIEW, named(shown)),))
+        shown = named(np.flatnonzero((first <= frame) & (frame <= last)))
+        yield Batch(times[frame], (Entity(at.NAMES_IN_VIEW, shown),))
 
 
 def sign_name(row: Mapping[str, Any]) -> str:

@@ -64,15 +64,6 @@ class Times:
     station_m: float | None = None
     """None: of a frame that is not used."""
 
-    def apply(self, stream: rr.RecordingStream) -> None:
-        """Set them on a stream, for the calling thread alone."""
-        stream.reset_time()
-        stream.set_time(FRAME, sequence=self.frame)
-        stream.set_time(CAPTURE, timestamp=np.datetime64(self.capture_ns, "ns"))
-        stream.set_time(LOG, timestamp=np.datetime64(self.log_ns, "ns"))
-        if self.station_m is not None:
-            stream.set_time(STATION, sequence=round(100 * self.station_m))
-
 
 @dataclass(frozen=True, slots=True)
 class Batch:
@@ -82,8 +73,13 @@ class Batch:
     entities: tuple[Entity, ...]
 
     def send(self, stream: rr.RecordingStream) -> None:
-        """Log all of it."""
-        if self.times is not None:
-            self.times.apply(stream)
+        """Log all of it, at times that are set for the calling thread alone."""
+        if (times := self.times) is not None:
+            stream.reset_time()
+            stream.set_time(FRAME, sequence=times.frame)
+            stream.set_time(CAPTURE, timestamp=np.datetime64(times.capture_ns, "ns"))
+            stream.set_time(LOG, timestamp=np.datetime64(times.log_ns, "ns"))
+            if times.station_m is not None:
+                stream.set_time(STATION, sequence=round(100 * times.station_m))
         for one in self.entities:
-            stream.log(one.path, *one.parts, static=self.times is None)
+            stream.log(one.path, *one.parts, static=times is None)

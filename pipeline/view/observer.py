@@ -2,7 +2,7 @@
 
 import threading
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -27,10 +27,8 @@ from wayside.schemas.motion import PosedDetections
 THREAD = "view-"
 WAITING = 48
 """Sets of batches that wait at most."""
-CLOSING_S = 20.0
-"""A sink that has not taken everything this long after the run is abandoned."""
-FILE_PATIENCE_S = 30.0
-"""A disk that accepts nothing for this long counts as full or gone."""
+PATIENCE_S = 30.0
+"""A disk that accepts nothing for this long counts as full or gone; after the run, any sink is abandoned."""
 
 
 def any_alive() -> bool:
@@ -51,7 +49,7 @@ class Recorder:
     ) -> None:
         self.name, self.dropped = name, 0
         self.fault: str | None = None
-        self._open, self._patience_s = open_stream, patience_s
+        self._open, self.patience_s = open_stream, patience_s
         self._queue: Queue[Sequence[Batch] | None] = Queue(WAITING)
         self._thread = threading.Thread(target=self._work, name=f"{THREAD}{name}", daemon=True)
         self._thread.start()
@@ -61,22 +59,22 @@ class Recorder:
         if self.fault is not None:
             return
         try:
-            self._queue.put(batches, timeout=self._patience_s or None, block=self._patience_s > 0)
+            self._queue.put(batches, timeout=self.patience_s or None, block=self.patience_s > 0)
         except Full:
             self.dropped += 1
-            if self._patience_s > 0:
-                self.fault = f"accepted no data for {self._patience_s:g} s"
+            if self.patience_s > 0:
+                self.fault = f"accepted no data for {self.patience_s:g} s"
 
     def close(self) -> None:
         """Wait until all is written, but not for ever."""
         try:
-            self._queue.put(None, timeout=CLOSING_S)
+            self._queue.put(None, timeout=PATIENCE_S)
         except Full:
-            self.fault = self.fault or f"accepted no data for {CLOSING_S:g} s"
+            self.fault = self.fault or f"accepted no data for {PATIENCE_S:g} s"
             return
-        self._thread.join(CLOSING_S)
+        self._thread.join(PATIENCE_S)
         if self._thread.is_alive():
-            self.fault = self.fault or f"did not end within {CLOSING_S:g} s"
+            self.fault = self.fault or f"did not end within {PATIENCE_S:g} s"
 
     def _work(self) -> None:
         try:
@@ -84,7 +82,7 @@ class Recorder:
             while (batches := self._queue.get()) is not None:
                 for batch in batches:
                     batch.send(stream)
-            stream.flush(timeout_sec=CLOSING_S / 2)
+            stream.flush(timeout_sec=PATIENCE_S / 2)
             stream.disconnect()
         except Exception as fault:
             words = str(fault).splitlines() or [""]
@@ -153,8 +151,10 @@ class RerunObserver:
         self._guarded(lambda: self._see(stage, item.frame, item))
 
     def finish(self, inventory: WrittenTables) -> None:
-        """Send what is known only at the end."""
-        self._guarded(lambda: self._send(list(closing(inventory, self._state, self._times))))
+        """Send what is known only at the end as it is made; nothing of it is left out."""
+        for one in self._recorders:
+            one.patience_s = PATIENCE_S
+        self._guarded(lambda: self._send(closing(inventory, self._state, self._times)))
 
     def close(self) -> list[str]:
         """End all recordings; what went wrong with any, in words."""
@@ -174,8 +174,6 @@ class RerunObserver:
             work()
         except Exception as fault:
             self._fault = f"recording stopped after {type(fault).__name__}: {fault}"
-            self._waiting.clear()
-            self._held_images.clear()
 
     def _see(self, stage: str, frame: Frame, item: Item) -> None:
         found = entities_of(item, stage, self._state)
@@ -187,9 +185,8 @@ class RerunObserver:
         elif found:
             image = self._held_images.pop(frame.index, []) if stage == LAST_STAGE else []
             active = active_landmarks(self._state, frame.index) if image else []
-            if not any(landmark.verdict == "sign" for landmark in active):
-                image = []
-            self._send([Batch(self._times[frame.index], (*image, *found))])
+            shown = image if any(landmark.verdict == "sign" for landmark in active) else []
+            self._send([Batch(self._times[frame.index], (*shown, *found))])
 
     def _send_posed(self, frame: Frame, item: PosedDetections) -> None:
         with self._lock:
@@ -203,17 +200,17 @@ class RerunObserver:
             found = [e for e in found if e.path != at.IMAGE]
         self._send([Batch(times, tuple(found))])
 
-    def _send(self, batches: list[Batch]) -> None:
-        if self._plane is not None:  # once for each layer of the image: the frame that it lies in
-            paths = {
-                e.path for b in batches for e in b.entities if e.path.startswith(f"{at.CAMERA}/")
-            }
-            new = sorted(paths - self._planed)
-            self._planed |= paths
-            frame = rr.CoordinateFrame(self._plane)
-            batches = [Batch(None, tuple(Entity(path, frame) for path in new)), *batches]
-        for recorder in self._recorders:
-            recorder.put(batches)
+    def _send(self, batches: Iterable[Batch]) -> None:
+        for batch in batches:
+            sent = [batch]
+            if self._plane is not None:  # once for each layer of the image: the frame it lies in
+                paths = {e.path for e in batch.entities if e.path.startswith(f"{at.CAMERA}/")}
+                new = sorted(paths - self._planed)
+                self._planed |= paths
+                frame = rr.CoordinateFrame(self._plane)
+                sent.insert(0, Batch(None, tuple(Entity(path, frame) for path in new)))
+            for recorder in self._recorders:
+                recorder.put(sent)
 
 
 def open_observer(
@@ -234,7 +231,7 @@ def open_observer(
 
     recorders = []
     if viewing.file:
-        recorders.append(Recorder(RECORDING, partial(stream, live=False), FILE_PATIENCE_S))
+        recorders.append(Recorder(RECORDING, partial(stream, live=False), PATIENCE_S))
     if viewing.address is not None:
         recorders.append(Recorder(viewing.address, partial(stream, live=True), 0.0))
     plane = f"{report.camera_frame}_image_plane" if viewing.images == "none" else None

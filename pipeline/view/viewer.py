@@ -141,14 +141,14 @@ def show_time(client: ViewerClient, timeline: str, value: int) -> None:
 
     A recording that is still loading moves the time on by itself, so it is set until it stays.
     """
+    on_frames = timeline == FRAME
+    place: Any = {"sequence": value} if on_frames else {"timestamp": np.datetime64(value, "ns")}
 
     def shown() -> bool:
         recordings = ask(client.get_state).recordings
         there = any(r.current_timeline == timeline and r.current_time == value for r in recordings)
-        if not there and timeline == FRAME:
-            ask(lambda: client.set_time(timeline, sequence=value))
-        elif not there:
-            ask(lambda: client.set_time(timeline, timestamp=np.datetime64(value, "ns")))
+        if not there:
+            ask(lambda: client.set_time(timeline, **place))
         return there
 
     _wait_until_steady(shown)

@@ -26,6 +26,7 @@ from wayside.pipeline.view.drawing import (
     centre_of,
     colored,
     cross_section,
+    encoded,
     face_in_image,
     outline_entities,
     panel_pictures,
@@ -79,9 +80,7 @@ def entities_of(item: Any, stage: str, state: ViewState) -> tuple[Entity, ...]:
     """Entities of an item that left a stage; raises TypeError for a type that has no view."""
     view = VIEWS.get(type(item))
     if view is None:
-        raise TypeError(
-            f"no view for {type(item).__name__}: add a function to pipeline/view/views.py"
-        )
+        raise TypeError(f"no view for {type(item).__name__}: add one to pipeline/view/views.py")
     return tuple(view(item, stage, state))
 
 
@@ -103,8 +102,7 @@ def view_frame(frame: Frame, stage: str, state: ViewState) -> list[Entity]:
         found.append(Entity(at.CAMERA, pinhole))
     media_type = PASSED_THROUGH.get(frame.encoding)
     if media_type is not None and state.images != "none" and not state.blur:
-        image = rr.EncodedImage(contents=bytes(frame.data), media_type=media_type)
-        found.append(Entity(at.IMAGE, image))
+        found.append(Entity(at.IMAGE, encoded(frame.data, media_type)))
     return found
 
 
@@ -196,12 +194,7 @@ def view_posed(item: PosedDetections, stage: str, state: ViewState) -> list[Enti
 def _view_ties(motion: Motion, camera: Camera) -> list[Entity]:
     ties, step, line = motion.ties, motion.step, motion.straight
     if ties is None or step is None or line is None:
-        empty = rr.Points3D(np.zeros((0, 3)))
-        return [
-            Entity(at.MATCHES, rr.LineStrips2D([])),
-            Entity(at.POINTS_STRAIGHT, empty),
-            Entity(at.POINTS_ADJUSTED, empty),
-        ]
+        return [cleared(one) for one in (at.MATCHES, at.POINTS_STRAIGHT, at.POINTS_ADJUSTED)]
     points = [distort_points(camera, ends) for ends in (ties.previous, ties.current)]
     ends = np.stack(points, axis=1).astype(np.float32)
     before, after = rays_of_ideal(camera, ties.previous), rays_of_ideal(camera, ties.current)

@@ -66,7 +66,7 @@ def test_a_file_that_takes_nothing_is_given_up():
 
 
 def test_a_sink_that_never_answers_is_left_behind(monkeypatch):
-    monkeypatch.setattr(observer, "CLOSING_S", 0.1)
+    monkeypatch.setattr(observer, "PATIENCE_S", 0.1)
     stuck = Blocking()
     one = Recorder("viewer", memory, 0.0)
     one.put([stuck])
