@@ -12,6 +12,7 @@ from typing import Any
 
 from wayside.pipeline.detectors import Detector, detector_of
 from wayside.pipeline.files.route_file import RouteFile
+from wayside.pipeline.image_memory import ImageBuffers
 from wayside.pipeline.models.model_files import Models
 from wayside.pipeline.workers import Stage, stage
 from wayside.schemas.roadside import CrossSection
@@ -71,7 +72,7 @@ def chain_of(settings: Settings, models: Models, routes: RouteFile | None = None
     faces = FaceClassifier(m.face_network.path) if m.face_network and not report else None
     return Chain(
         per_image=_those(
-            stage("decode", decode, s.balance),
+            stage("decode", decode, s.balance, ImageBuffers().empty),
             *detector.stages,
             stage("sift", extract_sift) if report else None,
             stage("features", extract_features, s.features),

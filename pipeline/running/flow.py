@@ -8,8 +8,8 @@ from typing import Any, Protocol
 
 from wayside.pipeline.chains import Chain, chain_of, profile_stage
 from wayside.pipeline.files.route_file import RouteFile
+from wayside.pipeline.image_memory import ImageMemory
 from wayside.pipeline.models.model_files import Models
-from wayside.pipeline.running.image_memory import ImageMemory
 from wayside.pipeline.running.journal import Journal
 from wayside.pipeline.workers import Item, Stage, StageClock, Workers
 from wayside.schemas.detections import Detections
@@ -84,6 +84,7 @@ class Flow:
             for settled in self._follow(self._counted(self.clock.timed("queue", found))):
                 self.counts.settled += 1
                 yield settled
+        self.chain.per_image.clear()  # and with it the memory of the images
 
     def detect(self, frames: Iterator[Frame]) -> Iterator[Detections]:
         """Do the work on one image that needs no other image; runs side by side in the workers."""

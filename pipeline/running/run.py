@@ -19,6 +19,7 @@ from wayside.pipeline.files.route_file import open_routes, route_notes
 from wayside.pipeline.files.settings_file import settings_digest
 from wayside.pipeline.files.visible_text import counted, visible
 from wayside.pipeline.files.writing import create, not_written
+from wayside.pipeline.image_memory import ImageMemory
 from wayside.pipeline.labels.box_accounting import BoxAccounting, paired
 from wayside.pipeline.models.model_files import Models, learned_from
 from wayside.pipeline.reading.frames import ReadReport, read_frames
@@ -34,9 +35,7 @@ from wayside.pipeline.results.result import (
     result_name,
 )
 from wayside.pipeline.running.flow import Drive, Flow, FrameCounts, Observer, paced
-from wayside.pipeline.running.image_memory import ImageMemory
 from wayside.pipeline.running.journal import Journal, journal_key, remove_journal, result_key
-from wayside.pipeline.running.tuning import trim_heap
 from wayside.pipeline.workers import StageClock
 from wayside.schemas.detectors import BoxFile
 from wayside.schemas.errors import InputError
@@ -255,7 +254,6 @@ class _Task:
                 raise InputError(_no_image(asked.log, self.statuses))
             if accounting is not None:
                 accounting.require_known()
-            trim_heap()
             drive = flow.finish()
             self.run.report.notes += self._notes(drive)
             inventory = writer.finish(drive.path, drive.signs, drive.sections)

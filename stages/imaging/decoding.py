@@ -1,7 +1,7 @@
 """Bytes of an image message to pixels, decoded once."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from io import BytesIO
@@ -15,6 +15,10 @@ from numpy.typing import NDArray
 from wayside.schemas.frame import DAMAGED, UNDECODABLE, USED, WRONG_SIZE, Frame, Image
 from wayside.schemas.settings import BalanceSettings
 from wayside.stages.imaging.pixels import balanced
+from wayside.stages.kernels import Bytes
+
+Empty = Callable[[tuple[int, ...]], Bytes] | None
+"""Makes an array of a shape, with any content. None: in the heap."""
 
 _AS_STORED = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
 """The calibration belongs to the pixels as the sensor gave them, so a rotation noted in EXIF is not applied."""
@@ -46,8 +50,7 @@ _PLANAR = ("nv12", "nv21")
 _DEEP = re.compile(r"((?:mono|rgba?|bgra?|bayer_[rgb]{4}))16(?::(\d+))?")
 """A raw encoding of 16 bits; behind a colon, how many of the bits the camera uses."""
 
-_JPEG, _END_OF_JPEG, _START_OF_SCAN = b"\xff\xd8", b"\xff\xd9", b"\xff\xda"
-_SCAN = int.from_bytes(_START_OF_SCAN, "little")
+_JPEG, _END_OF_JPEG, _START_OF_SCAN, _SCAN = b"\xff\xd8", b"\xff\xd9", b"\xff\xda", 0xDAFF
 _MOST_SCANS = 100
 """Scans of a progressive JPEG, each of which passes over all pixels: encoders write about ten."""
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
@@ -55,7 +58,9 @@ _FILLING = re.compile(r"\b[1-8] extraneous bytes before marker 0xd9")
 """Warnings about the bytes that some cameras put between image and end: no pixel is missing."""
 
 
-def decode(frames: Iterator[Frame], balance: BalanceSettings | None = None) -> Iterator[Image]:
+def decode(
+    frames: Iterator[Frame], balance: BalanceSettings | None = None, empty: Empty = None
+) -> Iterator[Image]:
     """Decode the pixels of every used frame; pass the others on without.
 
     Status `undecodable`: an image that cannot be decoded. Status `damaged`: one that decodes in part. Status
@@ -65,7 +70,7 @@ def decode(frames: Iterator[Frame], balance: BalanceSettings | None = None) -> I
 
     `rgb` (height, width, 3) uint8, C-contiguous, is balanced by the road where there is a calibration and `balance` is
     given. `grey` (height, width) uint8 stays as recorded. Of a camera without colour it is each channel of `rgb`. Both
-    are None where the frame is not used, and then its recorded bytes are gone.
+    are None where the frame is not used, and then its recorded bytes are gone. `empty` makes the arrays of JPEG images.
     """
     for frame in frames:
         if not frame.used:
@@ -74,21 +79,21 @@ def decode(frames: Iterator[Frame], balance: BalanceSettings | None = None) -> I
         # where the header does not state the size, decoding refuses the image
         camera, size = frame.camera, (frame.width, frame.height)
         fits = camera is None or 0 in size or size == (camera.width, camera.height)
-        status, rgb = decode_pixels(frame) if fits else (WRONG_SIZE, None)
+        status, rgb = decode_pixels(frame, empty) if fits else (WRONG_SIZE, None)
         if rgb is not None and rgb.shape[:2] != (frame.height, frame.width):
             status, rgb = WRONG_SIZE, None
         if rgb is None:
             yield Image(replace(frame, status=status, data=b""), None, None)
         else:
-            grey = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), np.uint8)
+            grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY, empty and empty(rgb.shape[:2]))
             if frame.grey:  # what its channels differ by is noise, or a cast
                 rgb = np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2RGB), np.uint8)
             elif balance is not None and balance.on and frame.camera is not None:
-                rgb = balanced(rgb, frame.camera)
-            yield Image(frame, rgb, grey)
+                rgb = balanced(rgb, frame.camera, empty and empty(rgb.shape))
+            yield Image(frame, rgb, np.asarray(grey, np.uint8))
 
 
-def decode_pixels(frame: Frame) -> tuple[str, NDArray[np.uint8] | None]:
+def decode_pixels(frame: Frame, empty: Empty = None) -> tuple[str, Bytes | None]:
     """Status and pixels of one frame, (height, width, 3) uint8 RGB, C-contiguous; None where they cannot all be had."""
     data = np.frombuffer(frame.data, np.uint8)
     with suppress(cv2.error, ValueError):
@@ -96,7 +101,7 @@ def decode_pixels(frame: Frame) -> tuple[str, NDArray[np.uint8] | None]:
             return USED, _raw_pixels(frame)
         if data.size and frame.width > 0 and frame.height > 0:
             if data[:2].tobytes() == _JPEG:
-                return _jpeg_pixels(bytes(frame.data))
+                return _jpeg_pixels(bytes(frame.data), empty)
             decoded = cv2.imdecode(data, _AS_STORED)
             if decoded is not None:
                 whole = data[:4].tobytes() not in _TIFF or _is_whole_tiff(data)
@@ -104,7 +109,7 @@ def decode_pixels(frame: Frame) -> tuple[str, NDArray[np.uint8] | None]:
     return UNDECODABLE, None
 
 
-def _jpeg_pixels(data: bytes) -> tuple[str, NDArray[np.uint8] | None]:
+def _jpeg_pixels(data: bytes, empty: Empty) -> tuple[str, Bytes | None]:
     """Status and pixels of a JPEG; raises ValueError where its header cannot be read.
 
     libjpeg fills what is missing or cannot be read with grey and warns; simplejpeg, the same decoder with the same
@@ -113,21 +118,22 @@ def _jpeg_pixels(data: bytes) -> tuple[str, NDArray[np.uint8] | None]:
     pairs = (np.frombuffer(data, "<u2", (len(data) - k) // 2, k) for k in (0, 1))
     if sum(np.count_nonzero(two == _SCAN) for two in pairs) > _MOST_SCANS:
         return UNDECODABLE, None
-    _, _, colors, _ = simplejpeg.decode_jpeg_header(data)
+    height, width, colors, _ = simplejpeg.decode_jpeg_header(data)
     if str(colors).upper() in ("CMYK", "YCCK"):
         # without an end after its last scan, a decoder fills the rest with grey without an error
         cut_short = data.rfind(_END_OF_JPEG) < data.rfind(_START_OF_SCAN)
         decoded = None if cut_short else cv2.imdecode(np.frombuffer(data, np.uint8), _AS_STORED)
         return (DAMAGED, None) if decoded is None else (USED, np.ascontiguousarray(decoded))
+    rgb = empty and empty((height, width, 3))
     try:
-        return USED, simplejpeg.decode_jpeg(data, "RGB")
+        return USED, simplejpeg.decode_jpeg(data, "RGB", buffer=rgb)
     except ValueError as error:
         if _FILLING.search(str(error)) is None:
             return DAMAGED, None
-        return USED, simplejpeg.decode_jpeg(data, "RGB", strict=False)
+        return USED, simplejpeg.decode_jpeg(data, "RGB", buffer=rgb, strict=False)
 
 
-def _is_whole_tiff(data: NDArray[np.uint8]) -> bool:
+def _is_whole_tiff(data: Bytes) -> bool:
     """Whether every strip and tile decodes: OpenCV prints the errors of libtiff and goes on, Pillow raises them.
 
     True for the kinds of TIFF that Pillow does not know.
@@ -162,13 +168,9 @@ def raw_samples(frame: Frame) -> NDArray[np.uint8 | np.uint16]:
     if width <= 0 or height <= 0 or (name in _PLANAR and (width % 2 or height % 2)):
         raise ValueError(f"its size of {width} x {height} pixels is not possible in {name}")
     if step < used:
-        raise ValueError(
-            f"its step is {step} bytes, and a row of {width} pixels in {name} has {used}"
-        )
+        raise ValueError(f"its step is {step} bytes, a row of {width} pixels in {name} has {used}")
     if data.size not in (step * rows, step * (rows - 1) + used):  # the last may lack its padding
-        raise ValueError(
-            f"it has {data.size} bytes, and {rows} rows of {step} bytes (its step) are {rows * step}"
-        )
+        raise ValueError(f"its {data.size} bytes are not {rows} rows of {step} bytes (its step)")
     strided = np.lib.stride_tricks.as_strided(data, (rows, used), (step, 1), writeable=False)
     return np.ascontiguousarray(strided).view("<u2") if deep else strided
 
@@ -186,7 +188,7 @@ def used_bits(frame: Frame) -> int:
         return 0
 
 
-def _raw_pixels(frame: Frame) -> NDArray[np.uint8]:
+def _raw_pixels(frame: Frame) -> Bytes:
     """Pixels of a raw image; samples of two bytes keep the upper eight of their used bits."""
     samples, name = raw_samples(frame), frame.encoding.lower()
     if deep := _DEEP.fullmatch(name):

@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wayside.schemas.frame import Camera
+from wayside.stages.kernels import Bytes
 
 
-def halved(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def halved(rgb: Bytes) -> Bytes:
     """The image at half size, each pixel the mean of four (an odd last row or column is left out)."""
     height, width = rgb.shape[0] // 2, rgb.shape[1] // 2
     if height == 0 or width == 0:
@@ -18,7 +19,7 @@ def halved(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
-def enlarged(rgb: NDArray[np.uint8], times: int) -> NDArray[np.uint8]:
+def enlarged(rgb: Bytes, times: int) -> Bytes:
     """The image enlarged by a factor, cubic between its pixels; itself for 1."""
     if times == 1:
         return rgb
@@ -45,7 +46,7 @@ def log_chromaticity(rgb: NDArray[Any]) -> NDArray[np.float64]:
     return np.column_stack([brightness, raised[:, 0] - raised[:, 1], raised[:, 2] - raised[:, 1]])
 
 
-def colorfulness(rgb: NDArray[np.uint8]) -> float:
+def colorfulness(rgb: Bytes) -> float:
     """How far the colour of an image (h, w, 3) varies, as a fraction of how far its brightness does; 0 of an even one.
 
     Larger of the deviations of log R/G and log B/G, over the deviation of the log brightness, between the means of 64 x
@@ -72,7 +73,7 @@ _LOGARITHM = np.log(np.arange(256) + DARK_LEVEL)
 """Of each level, as in `log_chromaticity`."""
 
 
-def road_chromaticity(rgb: NDArray[np.uint8], camera: Camera) -> NDArray[np.float64]:
+def road_chromaticity(rgb: Bytes, camera: Camera) -> NDArray[np.float64]:
     """Logarithms of R/G and B/G of the road (2,): medians over the rows where it lies; 0 where the image has none."""
     top = max(0, round(camera.cy + ROAD_FROM * camera.fy))
     road = rgb[top : round(ROAD_UNTIL * len(rgb)) : _STEP, ::_STEP].reshape(-1, 3)
@@ -82,8 +83,8 @@ def road_chromaticity(rgb: NDArray[np.uint8], camera: Camera) -> NDArray[np.floa
     return np.array([np.median(red - green), np.median(blue - green)])
 
 
-def balanced(rgb: NDArray[np.uint8], camera: Camera) -> NDArray[np.uint8]:
-    """The image (height, width, 3) without the cast of its road; unchanged where that is within the tolerance."""
+def balanced(rgb: Bytes, camera: Camera, out: Bytes | None = None) -> Bytes:
+    """The image (height, width, 3) without the cast of its road, in `out`; itself where that is small."""
     colour = road_chromaticity(rgb, camera)
     magnitude = float(np.linalg.norm(colour))
     if magnitude <= TOLERANCE:
@@ -91,4 +92,4 @@ def balanced(rgb: NDArray[np.uint8], camera: Camera) -> NDArray[np.uint8]:
     red, blue = np.exp(-colour * min(1.0, LARGEST_CAST / magnitude))
     levels = np.arange(256)[:, None] * np.array([red, 1.0, blue])
     table = np.clip(np.rint(levels), 0, 255).astype(np.uint8)
-    return np.asarray(cv2.LUT(rgb, table[:, None]), np.uint8)
+    return np.asarray(cv2.LUT(rgb, table[:, None], out), np.uint8)

@@ -58,7 +58,7 @@ def test_output_keeps_the_characters_that_the_terminal_has(tmp_path, encoding):
 
 
 def test_1_a_fault_of_wayside_names_the_stage_and_the_frame(command, tmp_path, monkeypatch):
-    def decode(frames, balance):
+    def decode(frames, *options):
         for frame in frames:
             raise RuntimeError("made up")
             yield frame

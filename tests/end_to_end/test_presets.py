@@ -184,9 +184,7 @@ def test_the_default_gives_the_measure_along_the_route_that_is_named(default_dem
         assert (row["measure"] - 12.35) * 1609.344 == pytest.approx(row["station_m"], abs=1e-6)
 
 
-def test_the_default_says_that_no_model_learned_from_the_demo_and_its_lens_is_right(
-    default_demo,
-):
+def test_the_default_says_that_no_model_learned_from_the_demo_and_its_lens_is_right(default_demo):
     assert default_demo.about["learned_from_log"] == []
     assert default_demo.about["calibration"]["is_determined"]
     assert not default_demo.about["calibration"]["refutes_given"]

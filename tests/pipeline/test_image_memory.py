@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wayside.pipeline.running.image_memory import ImageMemory
+from wayside.pipeline.image_memory import ImageBuffers, ImageMemory
 from wayside.pipeline.workers import Workers
 from wayside.schemas.errors import UsageError
 from wayside.schemas.frame import DUPLICATE, USED, Frame
@@ -19,10 +19,8 @@ ONE_MB = 640 * 480 * (4 + 15 / 16) / 1e6 + 1e-3
 
 def frames(statuses):
     """Images of 640 x 480 with a kilobyte recorded."""
-    return [
-        Frame(k, k, None, status, "jpeg", bytes(1000), None, 640, 480)
-        for k, status in enumerate(statuses)
-    ]
+    data = bytes(1000)
+    return [Frame(k, k, None, s, "jpeg", data, None, 640, 480) for k, s in enumerate(statuses)]
 
 
 def flow(items, memory, workers, queue, window):
@@ -87,3 +85,13 @@ def test_less_than_the_window_needs_is_refused_with_what_it_needs():
     memory = ImageMemory(9 * TRACKED_MB, 9)
     with pytest.raises(UsageError, match=r"10 images of 640 x 480 at once, which is 10 MB.*8 MB"):
         flow(frames([USED] * 3), memory, 2, 2, 9)
+
+
+def test_memory_of_an_image_is_used_again_once_no_part_of_it_is_held():
+    empty = ImageBuffers().empty
+    part = empty((4, 6, 3))[1:3, :, 0]
+    place, part[:] = part.ctypes.data, 5
+    empty((4, 6, 3))[:] = 7
+    assert (part == 5).all()
+    del part
+    assert empty((4, 6, 3))[1:3, :, 0].ctypes.data == place

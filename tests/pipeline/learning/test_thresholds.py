@@ -78,9 +78,7 @@ def test_a_normal_threshold_is_the_quantile_of_the_fitted_density():
 
 
 @pytest.mark.parametrize("tail", [normal_tail, counted_tail])
-def test_points_hold_their_rates_on_fresh_samples_and_intervals_grow_as_drives_scatter(
-    tail,
-):
+def test_points_hold_their_rates_on_fresh_samples_and_intervals_grow_as_drives_scatter(tail):
     draw = np.random.default_rng(2)
 
     def road(scatter):

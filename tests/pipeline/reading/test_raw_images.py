@@ -19,9 +19,9 @@ def raw_log(log, encoding, step, data):
     ("encoding", "step", "size", "why"),
     [
         ("nv24", WIDTH, 3 * WIDTH * HEIGHT, "encoding 'nv24' is not supported"),
-        ("bgr8", WIDTH, 3 * WIDTH * HEIGHT, "step is 32 bytes, and a row of 32 pixels in bgr8"),
-        ("mono8", WIDTH, (WIDTH + 4) * HEIGHT, "864 bytes, and 24 rows of 32 bytes"),
-        ("mono8", WIDTH + 4, WIDTH * HEIGHT, "768 bytes, and 24 rows of 36 bytes"),
+        ("bgr8", WIDTH, 3 * WIDTH * HEIGHT, "step is 32 bytes, a row of 32 pixels in bgr8"),
+        ("mono8", WIDTH, (WIDTH + 4) * HEIGHT, "864 bytes are not 24 rows of 32 bytes"),
+        ("mono8", WIDTH + 4, WIDTH * HEIGHT, "768 bytes are not 24 rows of 36 bytes"),
     ],
 )
 def test_images_that_cannot_be_decoded_are_refused_before_the_run_and_by_info(

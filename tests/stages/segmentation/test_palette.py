@@ -7,12 +7,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from wayside.stages.segmentation.palette import (
-    DIFFERENCES,
-    nearest_centers,
-    palette,
-    sample_colors,
-)
+from wayside.stages.segmentation.palette import DIFFERENCES, nearest_centers, palette, sample_colors
 from wayside.stages.segmentation.two_pass import SAMPLE_PX
 
 

@@ -1,8 +1,15 @@
-"""Bytes of the images under way: those that wait in queues, are searched, or are held by the tracking window."""
+"""Memory of the images under way: those that wait in queues, are searched, or are held by the tracking window."""
 
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
+from math import prod
+from mmap import mmap
+from weakref import finalize
+
+import numpy as np
+from numpy.typing import NDArray
 
 from wayside.pipeline.workers import Result
 from wayside.schemas.errors import UsageError
@@ -76,3 +83,24 @@ class ImageMemory:
             self._bytes += one
             self._largest = max(self._largest, one)
             self.peak_bytes = max(self.peak_bytes, self._bytes)
+
+
+class ImageBuffers:
+    """Memory of images that is used again; threads may share it.
+
+    In the heap, images leave holes among small things that stay: 110 MB after 4,800 images.
+    """
+
+    def __init__(self) -> None:
+        self._free = lru_cache(2)(lambda size: list[mmap]())  # of colour and of grey
+
+    def empty(self, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+        """An array; its memory goes to another one when nothing holds it, or a part of it, any more."""
+        free = self._free(prod(shape))
+        try:
+            memory = free.pop()
+        except IndexError:
+            memory = mmap(-1, prod(shape))
+        array = np.frombuffer(memory, np.uint8)  # the base of all its parts
+        finalize(array, free.append, memory)
+        return array.reshape(shape)
