@@ -43,7 +43,7 @@ GATE_NAMES = {
     ),
 }
 """Names of a stage's numbers, in the order in which its view gives them."""
-Rows = Sequence[Mapping[str, Any]]
+Signs = Sequence[Mapping[str, Any]]
 """Of `signs.parquet`."""
 MARK = rr.Radius.ui_points(6)
 """Of a landmark in space: on the screen the same from any distance, where a panel of 0.7 m is a few pixels."""
@@ -99,7 +99,7 @@ def closing(
         yield Batch(None, tuple(found))
 
 
-def _table_and_map(inventory: WrittenTables, signs: Rows) -> Iterator[Entity]:
+def _table_and_map(inventory: WrittenTables, signs: Signs) -> Iterator[Entity]:
     landmarks = [sign.landmark for sign in inventory.signs]
     posts = [] if inventory.sections is None else posts_rows(inventory.signs, inventory.log)
     table = rr.TextDocument(inventory_table(signs, posts), media_type="text/markdown")
@@ -135,7 +135,7 @@ def _ground(inventory: WrittenTables, state: ViewState) -> Iterator[Entity]:
     yield Entity(f"{at.GROUND}/hidden", hidden)
 
 
-def _names(signs: Rows, landmarks: list[Landmark], times: Mapping[int, Times]) -> Iterator[Batch]:
+def _names(signs: Signs, landmarks: list[Landmark], times: Mapping[int, Times]) -> Iterator[Batch]:
     """Every sign marked in its colour; in white the names of all, and frame by frame of those in view.
 
     Panels of one assembly share a name, which would lie on each other. The viewer writes a label in the colour of its

@@ -145,10 +145,8 @@ def _accept(
         if value[best, 0] <= LEAST_SUM:
             break
         value[best, 0] = -np.inf
-        own, row = (
-            Association(found.row[best], found.missed[best], found.value[best]),
-            fits.row[best],
-        )
+        row = fits.row[best]
+        own = Association(found.row[best], found.missed[best], found.value[best])
         shown = fits.views[best], fits.point[best], fits.covariance[best]
         fit = _Fit(row, own, shown[0], shown[1], shown[2], fits.metric[best], fits.spread[best])
         row[:] = own.row[0]
